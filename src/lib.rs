@@ -1,0 +1,5 @@
+//! palpate: soft tissue that can be seen, touched and cut in real time.
+
+pub mod error;
+pub mod math;
+pub mod model;

@@ -1,0 +1,127 @@
+//! The lattice: occupied cells of a cubic grid, their corner nodes in bricks, and what each node needs to know.
+//!
+//! **Model frame.** The lattice lives in its own axis-aligned frame: cell `(i, j, k)` fills
+//! `[i, i+1] × [j, j+1] × [k, k+1]` times the cell size, and node `(i, j, k)` is its lowest corner, at `(i, j, k) * h`.
+//!
+//! **Bricks and slots.** Nodes are stored in bricks of 8 × 4 × 4 (x fastest). A node's *slot* is
+//! `brick * 128 + (k % 4) * 32 + (j % 4) * 8 + i % 8`. Only bricks that contain a node exist; they are sorted by
+//! (z, y, x), so that neighbours along x follow each other in memory.
+
+use crate::math::Vec3;
+
+/// Nodes of a brick along x, y, z.
+pub const BRICK: [usize; 3] = [8, 4, 4];
+/// Slots of a brick.
+pub const BRICK_SLOTS: usize = BRICK[0] * BRICK[1] * BRICK[2];
+/// "No such brick" in a neighbour table.
+pub const NO_BRICK: u32 = u32::MAX;
+
+/// Flag bits of a node.
+pub mod flag {
+    /// Displacement along the model's x axis is held.
+    pub const FIX_X: u8 = 1;
+    /// Displacement along the model's y axis is held.
+    pub const FIX_Y: u8 = 2;
+    /// Displacement along the model's z axis is held.
+    pub const FIX_Z: u8 = 4;
+    /// All three axes.
+    pub const FIX_ALL: u8 = FIX_X | FIX_Y | FIX_Z;
+    /// The node belongs to a rigid region that the host may drive.
+    pub const DRIVEN: u8 = 8;
+    /// The node is held by a tool.
+    pub const GRASPED: u8 = 16;
+}
+
+/// Occupied cells and their nodes. Immutable.
+#[derive(Clone, Debug)]
+pub struct Lattice {
+    pub(crate) cell_m: f64,
+    pub(crate) cells: [usize; 3],
+    pub(crate) bricks: Vec<[u16; 3]>,
+    pub(crate) brick_table: Vec<u32>,
+    pub(crate) words: Vec<u32>,
+    pub(crate) flags: Vec<u8>,
+    pub(crate) node_count: usize,
+    pub(crate) cell_count: usize,
+}
+
+impl Lattice {
+    /// Edge length h of a cell, in metres.
+    pub fn cell_m(&self) -> f64 {
+        self.cell_m
+    }
+
+    /// Cells of the bounding grid along x, y, z.
+    pub fn cells(&self) -> [usize; 3] {
+        self.cells
+    }
+
+    /// Material of cell `(i, j, k)`: 0 where empty or outside the grid.
+    pub fn cell_material(&self, cell: [usize; 3]) -> u8 {
+        // A cell is the nibble 7 of the word of its lowest corner, which exists where the cell does.
+        self.slot(cell).map_or(0, |slot| (self.words[slot as usize] >> 28) as u8)
+    }
+
+    /// The slot of node `(i, j, k)`, if that node exists (touches an occupied cell).
+    pub fn slot(&self, node: [usize; 3]) -> Option<u32> {
+        if (0..3).any(|a| node[a] > self.cells[a]) {
+            return None;
+        }
+        let brick =
+            self.brick_table[self.table_index([node[0] / BRICK[0], node[1] / BRICK[1], node[2] / BRICK[2]])];
+        if brick == NO_BRICK {
+            return None;
+        }
+        let local = node[0] % BRICK[0] + BRICK[0] * (node[1] % BRICK[1] + BRICK[1] * (node[2] % BRICK[2]));
+        let slot = brick as usize * BRICK_SLOTS + local;
+        (self.words[slot] != 0).then_some(slot as u32)
+    }
+
+    /// Grid coordinates of the node in a slot.
+    pub fn node_of(&self, slot: u32) -> [usize; 3] {
+        let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+        let [bx, by, bz] = self.bricks[brick].map(usize::from);
+        [bx * BRICK[0] + local % 8, by * BRICK[1] + local / 8 % 4, bz * BRICK[2] + local / 32]
+    }
+
+    /// Rest position of the node in a slot, model frame, metres.
+    pub fn rest_position(&self, slot: u32) -> Vec3 {
+        let [i, j, k] = self.node_of(slot);
+        Vec3::new(i as f64, j as f64, k as f64) * self.cell_m
+    }
+
+    /// Number of nodes (slots whose word is not 0).
+    pub fn node_count(&self) -> usize {
+        self.node_count
+    }
+
+    /// Number of occupied cells.
+    pub fn cell_count(&self) -> usize {
+        self.cell_count
+    }
+
+    /// Number of slots, used or not: 128 for each brick.
+    pub fn slot_count(&self) -> usize {
+        self.words.len()
+    }
+
+    /// The eight cell materials around each node `[slot_count]`, four bits each: bits 4c to 4c + 3 hold the cell at offset
+    /// `(c & 1, c >> 1 & 1, c >> 2 & 1) - 1`, so nibble 7 is the node's own cell `(i, j, k)`. 0 where there is no node.
+    pub fn words(&self) -> &[u32] {
+        &self.words
+    }
+
+    /// Flag bits of each node `[slot_count]`, see [`flag`].
+    pub fn flags(&self) -> &[u8] {
+        &self.flags
+    }
+
+    fn table_dims(&self) -> [usize; 3] {
+        [self.cells[0] / BRICK[0] + 1, self.cells[1] / BRICK[1] + 1, self.cells[2] / BRICK[2] + 1]
+    }
+
+    fn table_index(&self, brick: [usize; 3]) -> usize {
+        let dims = self.table_dims();
+        brick[0] + dims[0] * (brick[1] + dims[1] * brick[2])
+    }
+}

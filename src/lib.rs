@@ -3,3 +3,5 @@
 pub mod error;
 pub mod math;
 pub mod model;
+pub mod sim;
+pub mod solver;

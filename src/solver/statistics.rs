@@ -1,0 +1,47 @@
+//! What a host can read at any time about how the simulation is doing.
+
+/// Counters and gauges of a running simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Steps taken since creation.
+    pub steps: u64,
+    /// Substeps taken since creation.
+    pub substeps: u64,
+    /// Simulated time in seconds.
+    pub time_s: f64,
+    /// Length of the last substep in seconds.
+    pub substep_s: f64,
+    /// Substeps in the last step.
+    pub substeps_per_step: u32,
+    /// Largest stable substep at rest, in seconds, damping included.
+    pub stable_substep_s: f64,
+    /// Wall-clock time of the last step in seconds.
+    pub step_wall_s: f64,
+    /// Simulated time over wall-clock time of the last step.
+    pub real_time_factor: f64,
+    /// Nodes that were integrated in the last substep.
+    pub awake_nodes: u64,
+    /// All nodes.
+    pub node_count: u64,
+    /// Largest spring strain |l/L - 1| seen at the last measurement.
+    pub max_strain: f64,
+    /// Smallest and largest volume ratio J of a cell at the last measurement.
+    pub volume_ratio: [f64; 2],
+    /// Surface points in contact in the last substep.
+    pub contact_points: u32,
+    /// Bytes resident for the state and topology of nodes.
+    pub node_bytes: u64,
+}
+
+/// Energies in J, computed on request in double precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energy {
+    /// ½ Σ m v².
+    pub kinetic_j: f64,
+    /// Springs and volume terms.
+    pub elastic_j: f64,
+    /// -Σ m g·u with the gravity in force (compensated gravity counts as none).
+    pub gravity_j: f64,
+    /// Work that tools have done on the tissue since creation.
+    pub tool_work_j: f64,
+}

@@ -1,0 +1,91 @@
+//! Force against indentation.
+
+use std::path::Path;
+
+use anyhow::{Context, anyhow};
+use plotters::prelude::*;
+use plotters::style::{FontStyle, register_font};
+use tiny_skia::{IntSize, Pixmap};
+
+use crate::press::{Phase, Row};
+
+const WIDTH: u32 = 1000;
+const HEIGHT: u32 = 700;
+
+/// Draws the plot at twice its size and writes it at half of that, which smooths its lines.
+pub fn write(rows: &[Row], path: &Path) -> anyhow::Result<()> {
+    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular()).map_err(|_| anyhow!("the built-in font"))?;
+    let (width, height) = (2 * WIDTH, 2 * HEIGHT);
+    let mut pixels = vec![0; (width * height * 3) as usize];
+    draw(rows, BitMapBackend::with_buffer(&mut pixels, (width, height)))
+        .map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
+
+    let size = IntSize::from_wh(WIDTH, HEIGHT).context("a plot needs a size")?;
+    let picture = Pixmap::from_vec(halved(&pixels), size).context("a plot needs its pixels")?;
+    picture.save_png(path).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::Error>> {
+    let point = |row: &Row| (row.indentation_m * 1e3, row.wrench.force_n.norm());
+    let touching = || rows.iter().filter(|row| row.phase != Phase::Approach || row.indentation_m > 0.0);
+    let deepest = touching().map(|row| point(row).0).fold(0.1, f64::max);
+    let strongest = touching().map(|row| point(row).1).fold(1e-3, f64::max);
+
+    let area = backend.into_drawing_area();
+    area.fill(&WHITE)?;
+    let mut chart = ChartBuilder::on(&area)
+        .caption("Force on the tool against indentation", ("sans-serif", 44))
+        .margin(40)
+        .x_label_area_size(100)
+        .y_label_area_size(140)
+        .build_cartesian_2d(0.0..1.05 * deepest, 0.0..1.08 * strongest)?;
+    chart
+        .configure_mesh()
+        .x_desc("indentation in mm")
+        .y_desc("force in N")
+        .axis_desc_style(("sans-serif", 34))
+        .label_style(("sans-serif", 30))
+        .light_line_style(RGBColor(240, 240, 240))
+        .bold_line_style(RGBColor(215, 215, 215))
+        .draw()?;
+
+    let phases = [
+        (Phase::Press, "going in", RGBColor(196, 62, 44)),
+        (Phase::Hold, "holding", RGBColor(232, 160, 40)),
+        (Phase::Retract, "coming out", RGBColor(40, 98, 168)),
+    ];
+    for (phase, name, colour) in phases {
+        let line = LineSeries::new(touching().filter(|row| row.phase == phase).map(point), colour.stroke_width(5));
+        chart
+            .draw_series(line)?
+            .label(name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 50, y)], colour.stroke_width(6)));
+    }
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperLeft)
+        .margin(30)
+        .legend_area_size(70)
+        .label_font(("sans-serif", 32))
+        .background_style(WHITE.mix(0.9))
+        .border_style(RGBColor(190, 190, 190))
+        .draw()?;
+    area.present()?;
+    Ok(())
+}
+
+/// Mean of each 2 × 2 pixels, with an opaque fourth channel.
+fn halved(pixels: &[u8]) -> Vec<u8> {
+    let row_bytes = 2 * WIDTH as usize * 3;
+    let mut half = Vec::with_capacity((WIDTH * HEIGHT * 4) as usize);
+    for row in 0..HEIGHT as usize {
+        for column in 0..WIDTH as usize {
+            let at = |dx: usize, dy: usize, c: usize| {
+                u16::from(pixels[(2 * row + dy) * row_bytes + (2 * column + dx) * 3 + c])
+            };
+            half.extend((0..3).map(|c| ((at(0, 0, c) + at(1, 0, c) + at(0, 1, c) + at(1, 1, c) + 2) / 4) as u8));
+            half.push(255);
+        }
+    }
+    half
+}

@@ -32,7 +32,7 @@ pub fn build(options: &Options, toward: Vec3, bar: &ProgressBar) -> anyhow::Resu
     let cell_m = options.cell_mm * 1e-3;
     let mut build = match &options.labels {
         None => {
-            let mut build = Build::new(phantom::thorax(cell_m)?);
+            let mut build = Build::new(phantom::thorax(cell_m.clamp(0.001, 0.010))?);
             build.uses = phantom::thorax_uses();
             build
         }
@@ -71,8 +71,11 @@ fn held_faces(grid: &LabelGrid, toward: Vec3) -> [bool; 6] {
 fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, LabelUse>> {
     let mut words: BTreeMap<u16, &str> = CHEST_LABELS.into_iter().collect();
     for choice in choices {
-        let Some((label, word)) = choice.split_once('=') else { bail!("--material {choice}: LABEL=USE is needed") };
-        let label = label.trim().parse().with_context(|| format!("--material {choice}: '{label}' is not a label"))?;
+        let Some((label, word)) = choice.split_once('=') else {
+            bail!("--material {choice}: LABEL=USE is needed")
+        };
+        let label =
+            label.trim().parse().with_context(|| format!("--material {choice}: '{label}' is not a label"))?;
         words.insert(label, word.trim());
     }
 
@@ -82,7 +85,9 @@ fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, La
     labels
         .map(|label| {
             let word = words.get(&label);
-            let word = word.with_context(|| format!("label {label} has no meaning yet: add --material {label}=TISSUE"))?;
+            let word = word.with_context(|| {
+                format!("label {label} has no meaning yet: add --material {label}=TISSUE")
+            })?;
             Ok((label, use_of(word)?))
         })
         .collect()

@@ -31,7 +31,9 @@ pub fn choose(sim: &Sim, at_m: Option<Vec3>, direction: Vec3, room_m: f64) -> an
         Some(at_m) => cast(at_m)?,
         None => softest(sim.model(), direction, room_m, &cast)?,
     };
-    let Some(pick) = pick else { bail!("no tissue lies along the direction of the press: try --at or --direction") };
+    let Some(pick) = pick else {
+        bail!("no tissue lies along the direction of the press: try --at or --direction")
+    };
     Ok(Approach { point_m: pick.point_m, normal: pick.normal, direction })
 }
 
@@ -53,7 +55,8 @@ fn softest(
     let mut best: Option<(f64, Pick)> = None;
     for index in 0..RAYS * RAYS {
         let step = |i: usize| (i as f64 + 0.5) / RAYS as f64 * 2.0 - 1.0;
-        let offset = across * (step(index % RAYS) * reach(across)) + along * (step(index / RAYS) * reach(along));
+        let offset =
+            across * (step(index % RAYS) * reach(across)) + along * (step(index / RAYS) * reach(along));
         let Some(pick) = cast(middle + offset)? else { continue };
 
         // Bone and held faces count up to where they are no longer felt; beyond that the middle of the body is preferred.

@@ -14,7 +14,8 @@ const HEIGHT: u32 = 700;
 
 /// Draws the plot at twice its size and writes it at half of that, which smooths its lines.
 pub fn write(rows: &[Row], path: &Path) -> anyhow::Result<()> {
-    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular()).map_err(|_| anyhow!("the built-in font"))?;
+    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
+        .map_err(|_| anyhow!("the built-in font"))?;
     let (width, height) = (2 * WIDTH, 2 * HEIGHT);
     let mut pixels = vec![0; (width * height * 3) as usize];
     draw(rows, BitMapBackend::with_buffer(&mut pixels, (width, height)))
@@ -55,7 +56,8 @@ fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::
         (Phase::Retract, "coming out", RGBColor(40, 98, 168)),
     ];
     for (phase, name, colour) in phases {
-        let line = LineSeries::new(touching().filter(|row| row.phase == phase).map(point), colour.stroke_width(5));
+        let line =
+            LineSeries::new(touching().filter(|row| row.phase == phase).map(point), colour.stroke_width(5));
         chart
             .draw_series(line)?
             .label(name)
@@ -83,7 +85,9 @@ fn halved(pixels: &[u8]) -> Vec<u8> {
             let at = |dx: usize, dy: usize, c: usize| {
                 u16::from(pixels[(2 * row + dy) * row_bytes + (2 * column + dx) * 3 + c])
             };
-            half.extend((0..3).map(|c| ((at(0, 0, c) + at(1, 0, c) + at(0, 1, c) + at(1, 1, c) + 2) / 4) as u8));
+            half.extend(
+                (0..3).map(|c| ((at(0, 0, c) + at(1, 0, c) + at(0, 1, c) + at(1, 1, c) + 2) / 4) as u8),
+            );
             half.push(255);
         }
     }

@@ -101,7 +101,9 @@ pub fn run(
         if met || row.statistics.steps % ROW_STEPS == 0 {
             record.rows.push(Row { energy: sim.energy(), ..row });
         }
-        if path.is_hold_over() && let Some(camcorder) = camcorder.take() {
+        if path.is_hold_over()
+            && let Some(camcorder) = camcorder.take()
+        {
             let mut camcorder = camcorder;
             record.snapshots.push(camcorder.take(sim, pose, row.indentation_m, row.wrench)?);
         }

@@ -21,8 +21,8 @@ pub fn write_csv(rows: &[Row], path: &Path) -> anyhow::Result<()> {
     let mut text = format!("{COLUMNS}\n");
     for row in rows {
         let Row { statistics, energy, .. } = row;
-        let [at, force, torque] =
-            [row.pose.translation.vector, row.wrench.force_n, row.wrench.torque_n_m].map(|v| format!("{},{},{}", v.x, v.y, v.z));
+        let [at, force, torque] = [row.pose.translation.vector, row.wrench.force_n, row.wrench.torque_n_m]
+            .map(|v| format!("{},{},{}", v.x, v.y, v.z));
         writeln!(
             text,
             "{:.6},{:?},{at},{:.4},{force},{torque},{},{},{},{:.3},{:.5},{:.4},{:e},{:e},{:e}",
@@ -53,31 +53,45 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
     };
 
     // The model.
-    let source = options.labels.as_ref().map_or("generated thorax".to_owned(), |path| path.display().to_string());
+    let source =
+        options.labels.as_ref().map_or("generated thorax".to_owned(), |path| path.display().to_string());
     row("anatomy", source);
     row("cells, nodes", format!("{}, {}", grouped(lattice.cell_count()), grouped(lattice.node_count())));
     row("cell size", format!("{} mm", lattice.cell_m() * 1e3));
     row("materials", model.materials().iter().map(|m| m.name.as_str()).collect::<Vec<_>>().join(", "));
-    let cap = if options.young_cap_kpa > 0.0 { format!("{} kPa", options.young_cap_kpa) } else { "none".to_owned() };
+    let cap = if options.young_cap_kpa > 0.0 {
+        format!("{} kPa", options.young_cap_kpa)
+    } else {
+        "none".to_owned()
+    };
     row("cap on Young's modulus", cap);
 
     // The computation.
     let last = record.rows.last().map(|r| r.statistics).unwrap_or_default();
     let highest = |value: &dyn Fn(&Row) -> f64| record.rows.iter().map(value).fold(f64::MIN, f64::max);
     row("arithmetic", if options.f64 { "64 bit" } else { "32 bit" }.to_owned());
-    row("step, stable substep", format!("{:.3} ms, {:.4} ms", plan.step_s * 1e3, last.stable_substep_s * 1e3));
+    row(
+        "step, stable substep",
+        format!("{:.3} ms, {:.4} ms", plan.step_s * 1e3, last.stable_substep_s * 1e3),
+    );
     let mean = last.substeps as f64 / last.steps.max(1) as f64;
     let most = highest(&|r| f64::from(r.statistics.substeps_per_step));
     row("substeps per step", format!("{mean:.1} on average, {most} at most"));
     row("nodes awake at most", grouped(highest(&|r| r.statistics.awake_nodes as f64) as usize));
     row("memory per node", format!("{:.1} bytes", last.node_bytes as f64 / last.node_count.max(1) as f64));
-    row("real-time factor", format!("{:.2} ({:.2} s in {:.2} s)", last.time_s / record.wall_s, last.time_s, record.wall_s));
+    row(
+        "real-time factor",
+        format!("{:.2} ({:.2} s in {:.2} s)", last.time_s / record.wall_s, last.time_s, record.wall_s),
+    );
 
     // The press.
     let at = plan.approach.point_m * 1e3;
     row("tool", format!("{}, friction {}", tool.name, options.friction));
     row("pressed at", format!("{:.1}, {:.1}, {:.1} mm", at.x, at.y, at.z));
-    row("indentation at most", format!("{:.2} mm at {} mm/s", highest(&|r| r.indentation_m) * 1e3, options.speed_mm_s));
+    row(
+        "indentation at most",
+        format!("{:.2} mm at {} mm/s", highest(&|r| r.indentation_m) * 1e3, options.speed_mm_s),
+    );
     row("force at most", format!("{:.3} N", highest(&|r| r.wrench.force_n.norm())));
     row("force at the end of the hold", format!("{:.3} N", held_force(record)));
     row("elastic energy at most", format!("{:.3} mJ", highest(&|r| r.energy.elastic_j) * 1e3));

@@ -42,7 +42,13 @@ impl Camcorder {
     }
 
     /// The tissue as it is now.
-    pub fn take(&mut self, sim: &Sim, tool: Pose, indentation_m: f64, wrench: Wrench) -> anyhow::Result<Snapshot> {
+    pub fn take(
+        &mut self,
+        sim: &Sim,
+        tool: Pose,
+        indentation_m: f64,
+        wrench: Wrench,
+    ) -> anyhow::Result<Snapshot> {
         let frame = self.port.map()?;
         let vector = |v: &[f32; 4]| Vec3::new(v[0].into(), v[1].into(), v[2].into());
         Ok(Snapshot {

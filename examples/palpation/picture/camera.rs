@@ -60,7 +60,9 @@ impl Camera {
     pub fn parallel(back: Vec3, up: Vec3, points: &[Vec3], window: Window) -> Self {
         let [right, up, back] = axes(back, up);
         let range = |axis: Vec3| {
-            points.iter().fold([f64::MAX, f64::MIN], |[low, high], p| [low.min(p.dot(&axis)), high.max(p.dot(&axis))])
+            points
+                .iter()
+                .fold([f64::MAX, f64::MIN], |[low, high], p| [low.min(p.dot(&axis)), high.max(p.dot(&axis))])
         };
         let ([x0, x1], [y0, y1], [_, near]) = (range(right), range(up), range(back));
         let scale = (window.width / (x1 - x0).max(1e-6)).min(window.height / (y1 - y0).max(1e-6));

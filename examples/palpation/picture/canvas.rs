@@ -37,7 +37,8 @@ impl Canvas {
             let (column, row) = (index % width, index / width);
             let at = |dx: usize, dy: usize| lit[(2 * row + dy) * 2 * width + 2 * column + dx];
             let four = [at(0, 0), at(1, 0), at(0, 1), at(1, 1)];
-            let [r, g, b] = std::array::from_fn(|c| to_srgb(four.iter().map(|f| f[c].min(1.0)).sum::<f32>() / 4.0));
+            let [r, g, b] =
+                std::array::from_fn(|c| to_srgb(four.iter().map(|f| f[c].min(1.0)).sum::<f32>() / 4.0));
             *out = PremultipliedColorU8::from_rgba(r, g, b, 255).context("an opaque colour")?;
         }
         let font = FontRef::try_from_slice(dejavu::sans::regular()).context("the built-in font")?;
@@ -165,7 +166,12 @@ impl Canvas {
     /// A bar of `length` pixels with its meaning above it.
     pub fn scale_bar(&mut self, [x, y]: [f32; 2], length: f32, meaning: &str) {
         self.lines(&[[[x, y], [x + length, y]]], 3.0, INK, 255);
-        self.lines(&[[[x, y - 6.0], [x, y + 6.0]], [[x + length, y - 6.0], [x + length, y + 6.0]]], 2.0, INK, 255);
+        self.lines(
+            &[[[x, y - 6.0], [x, y + 6.0]], [[x + length, y - 6.0], [x + length, y + 6.0]]],
+            2.0,
+            INK,
+            255,
+        );
         self.text(meaning, [x + length / 2.0, y - 10.0], 15.0, Anchor::Middle, INK);
     }
 }

@@ -29,7 +29,8 @@ const TISSUES: [(&str, [u8; 3]); 16] = [
 ];
 
 /// Colours for tissues that are not in the list, in sRGB.
-const OTHERS: [[u8; 3]; 5] = [[128, 160, 150], [170, 140, 180], [196, 150, 96], [110, 140, 170], [150, 150, 110]];
+const OTHERS: [[u8; 3]; 5] =
+    [[128, 160, 150], [170, 140, 180], [196, 150, 96], [110, 140, 170], [150, 150, 110]];
 
 /// Stops of the ramp in sRGB: light grey where nothing moves, then warmer and darker.
 const RAMP: [[u8; 3]; 6] =

@@ -8,11 +8,17 @@ use super::colour::{Colour, FORCE, of_quantity};
 use super::light::Light;
 use super::raster::{Kind, Mesh, Plane, Raster, Vertex};
 use super::slice::Slice;
-use super::{HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length, solid};
+use super::{
+    HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length, solid,
+};
 use crate::snapshot::Snapshot;
 
 /// Length of the force arrow in metres.
-const ARROW_M: f64 = 0.05;
+const ARROW_M: f64 = 0.035;
+/// Pieces of the scale on the floor.
+const PIECES: u8 = 5;
+/// Floor between the body and the scale, in metres.
+const GAP_M: f64 = 0.02;
 
 /// The whole body at one moment.
 pub fn whole(subject: &Subject, snapshot: &Snapshot, tint: Tint) -> anyhow::Result<Canvas> {
@@ -20,7 +26,8 @@ pub fn whole(subject: &Subject, snapshot: &Snapshot, tint: Tint) -> anyhow::Resu
     let view = lying.side * 0.75 + lying.up * 0.62 - lying.head * 0.42;
     let mut canvas = picture(subject, snapshot, skin(subject, snapshot, tint), None, view)?;
 
-    let what = if tint == Tint::Material { "From outside, by tissue" } else { "From outside, by displacement" };
+    let what =
+        if tint == Tint::Material { "From outside, by tissue" } else { "From outside, by displacement" };
     headline(&mut canvas, subject, snapshot, what);
     legend(&mut canvas, subject.model, tint, snapshot.materials.iter().copied());
     Ok(canvas)
@@ -36,7 +43,11 @@ pub fn cut_open(subject: &Subject, slice: &Slice) -> anyhow::Result<Canvas> {
     for (corners, colour) in slice.triangles(subject.model, Tint::Material) {
         let first = mesh.vertices.len() as u32;
         mesh.triangles.push([first, first + 1, first + 2]);
-        mesh.vertices.extend(corners.map(|position| Vertex { position, normal: slice.plane.normal, colour: colour[0] }));
+        mesh.vertices.extend(corners.map(|position| Vertex {
+            position,
+            normal: slice.plane.normal,
+            colour: colour[0],
+        }));
     }
     let mut meshes = skin(subject, snapshot, Tint::Material);
     meshes.push(mesh);
@@ -55,11 +66,8 @@ fn skin(subject: &Subject, snapshot: &Snapshot, tint: Tint) -> Vec<Mesh> {
         Tint::Displacement(top_m) => of_quantity(snapshot.displacements_m[vertex] / top_m),
         Tint::Material | Tint::Strain(_) => palette[usize::from(snapshot.materials[vertex]) % 16],
     };
-    let vertex = |v: usize| Vertex {
-        position: snapshot.positions[v],
-        normal: snapshot.normals[v],
-        colour: colour(v),
-    };
+    let vertex =
+        |v: usize| Vertex { position: snapshot.positions[v], normal: snapshot.normals[v], colour: colour(v) };
     let vertices = (0..snapshot.positions.len()).map(vertex).collect();
     vec![Mesh { kind: Kind::Tissue, vertices, triangles: snapshot.triangles.clone(), has_shadow: true }]
 }
@@ -82,10 +90,9 @@ fn picture(
     let mut points: Vec<Vec3> = subject.before.positions.iter().filter(is_kept).copied().collect();
     points.extend([rear(subject.before, 0.0), rear(subject.pressed, 1.15 * ARROW_M)]);
     let piece_m = round_length(0.05 * body.size_m);
-    let pieces = 5;
-    let length_m = piece_m * f64::from(pieces);
-    let scale_from = body.scale_start(&lying, cut, length_m);
-    points.extend([scale_from, scale_from - lying.head * length_m]);
+    let length_m = piece_m * f64::from(PIECES);
+    let (scale_from, scale_along) = body.scale(&lying, cut, length_m);
+    points.extend([scale_from, scale_from + scale_along * length_m]);
     let window = Window { left: 40.0, top: 190.0, width: 2260.0, height: 1540.0 };
     let camera = Camera::perspective(view, lying.up, &points, window);
 
@@ -98,7 +105,7 @@ fn picture(
         from + along
     });
     meshes.push(solid::floor(body.floor_centre, lying.up, 1.1 * body.size_m));
-    meshes.push(solid::scale(scale_from, -lying.head, lying.up, piece_m, pieces as usize));
+    meshes.push(solid::scale(scale_from, scale_along, lying.up, piece_m, PIECES));
 
     // Light and pixels.
     let mut raster = Raster::new(2 * WIDTH, 2 * HEIGHT);
@@ -114,10 +121,16 @@ fn picture(
     if let Some(end) = arrow_end {
         let [x, y] = place(end);
         let ink = FORCE.map(super::colour::to_srgb);
-        canvas.text(&format!("{:.2} N on the tool", force_n.norm()), [x + 16.0, y + 14.0], 18.0, Anchor::Start, ink);
+        canvas.text(
+            &format!("{:.2} N on the tool", force_n.norm()),
+            [x + 16.0, y + 14.0],
+            18.0,
+            Anchor::Start,
+            ink,
+        );
     }
-    let [x, y] = place(scale_from - lying.head * (0.5 * length_m) + lying.side * 0.012);
-    canvas.text(&millimetres(length_m), [x, y + 20.0], 15.0, Anchor::Middle, INK);
+    let [x, y] = place(scale_from + scale_along * (0.5 * length_m));
+    canvas.text(&millimetres(length_m), [x, y + 28.0], 15.0, Anchor::Middle, INK);
     Ok(canvas)
 }
 
@@ -138,16 +151,15 @@ impl Body {
         Self { low, high, size_m: (high - low).norm(), floor_centre: middle - lying.up * drop }
     }
 
-    /// Where a scale of `length_m` towards the feet starts: on the floor, beside the body.
-    fn scale_start(&self, lying: &Lying, cut: Option<Plane>, length_m: f64) -> Vec3 {
-        let half = (self.high - self.low) / 2.0;
-        let side = lying.side * (half.component_mul(&lying.side).abs().sum() + 0.018);
-        // A cut body has room in front of the cut; a whole one is measured along its side.
+    /// Where a scale of `length_m` starts and where it goes: on the floor, along the body or along the cut.
+    fn scale(&self, lying: &Lying, cut: Option<Plane>, length_m: f64) -> (Vec3, Vec3) {
+        let beside =
+            lying.side * ((self.high - self.low).component_mul(&lying.side).abs().sum() / 2.0 + GAP_M);
         match cut {
-            None => self.floor_centre + side + lying.head * (0.5 * length_m),
+            None => (self.floor_centre + beside + lying.head * (0.5 * length_m), -lying.head),
             Some(plane) => {
-                let front = self.floor_centre - plane.normal * plane.distance(self.floor_centre);
-                front + side + lying.head * (0.5 * length_m)
+                let below_cut = self.floor_centre - plane.normal * plane.distance(self.floor_centre);
+                (below_cut + plane.normal * GAP_M + lying.side * (0.5 * length_m), -lying.side)
             }
         }
     }

@@ -97,7 +97,8 @@ impl Raster {
     /// Draws a mesh; of tissue, only what `cut` leaves.
     pub fn draw(&mut self, camera: &Camera, mesh: &Mesh, cut: Option<Plane>) {
         let cut = cut.filter(|_| mesh.kind == Kind::Tissue);
-        let corners: Vec<Corner> = mesh.vertices.iter().map(|vertex| Corner::new(camera, vertex, cut)).collect();
+        let corners: Vec<Corner> =
+            mesh.vertices.iter().map(|vertex| Corner::new(camera, vertex, cut)).collect();
         let width = self.width;
         in_bands(&mut self.pixels, width, |first_row, band| {
             for triangle in &mesh.triangles {
@@ -139,9 +140,17 @@ impl Corner {
 }
 
 /// Fills one triangle into the rows of one band.
-fn fill(band: &mut [Pixel], width: usize, first_row: usize, [a, b, c]: [&Corner; 3], camera: &Camera, kind: Kind) {
+fn fill(
+    band: &mut [Pixel],
+    width: usize,
+    first_row: usize,
+    [a, b, c]: [&Corner; 3],
+    camera: &Camera,
+    kind: Kind,
+) {
     let area = (b.x - a.x) * (c.y - a.y) - (b.y - a.y) * (c.x - a.x);
-    let is_hidden = (a.beyond > 0.0 && b.beyond > 0.0 && c.beyond > 0.0) || a.depth.min(b.depth).min(c.depth) <= 1e-4;
+    let is_hidden =
+        (a.beyond > 0.0 && b.beyond > 0.0 && c.beyond > 0.0) || a.depth.min(b.depth).min(c.depth) <= 1e-4;
     if area.abs() < 1e-12 || is_hidden {
         return;
     }

@@ -59,7 +59,8 @@ fn cut_cell(model: &Model, displacements: &[Vec3], plane: Plane, slot: u32) -> O
         return None;
     }
 
-    let crossing = |a: usize, b: usize| ((sides[a] < 0.0) != (sides[b] < 0.0)).then(|| between(&corners, &sides, a, b));
+    let crossing =
+        |a: usize, b: usize| ((sides[a] < 0.0) != (sides[b] < 0.0)).then(|| between(&corners, &sides, a, b));
     let mut triangles = Vec::with_capacity(12);
     for tetrahedron in TETRAHEDRA {
         triangles.extend(cut_tetrahedron(tetrahedron, &sides, &crossing));

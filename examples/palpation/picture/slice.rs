@@ -9,11 +9,12 @@ use super::colour::{Colour, FORCE, STEEL, of_quantity, to_linear, to_srgb};
 use super::raster::{Kind, Mesh, Plane, Raster, Vertex};
 use super::section::{self, CellCut};
 use super::{
-    HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length, side_name, solid,
+    HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length,
+    side_name, solid,
 };
 
 /// Length of the force arrow in metres.
-const ARROW_M: f64 = 0.04;
+const ARROW_M: f64 = 0.03;
 /// Cells smaller than this many pixels are drawn without their edges.
 const EDGE_PIXELS: f64 = 5.0;
 
@@ -78,7 +79,12 @@ impl Slice {
             canvas.lines(&edges.collect::<Vec<_>>(), 0.6, [30, 20, 20], 70);
         }
         let before = contour(&subject.before.positions, &subject.before.triangles, self.plane);
-        canvas.lines(&before.into_iter().map(|line| line.map(place)).collect::<Vec<_>>(), 1.6, [20, 90, 200], 230);
+        canvas.lines(
+            &before.into_iter().map(|line| line.map(place)).collect::<Vec<_>>(),
+            1.6,
+            [20, 90, 200],
+            230,
+        );
 
         self.tool(&mut canvas, subject, &place);
         self.words(&mut canvas, subject, tint, &camera);
@@ -89,13 +95,16 @@ impl Slice {
         let corners = self.cells.iter().flat_map(|cell| cell.triangles.iter().flatten());
         let mut points: Vec<Vec3> = corners.map(|corner| corner.position).collect();
         let pressed = subject.pressed;
-        points.push(pressed.tool.translation.vector - subject.direction * (subject.tool.rear_m + 1.2 * ARROW_M));
+        points.push(
+            pressed.tool.translation.vector - subject.direction * (subject.tool.rear_m + 1.2 * ARROW_M),
+        );
         let window = Window { left: 150.0, top: 210.0, width: 2060.0, height: 1430.0 };
         Camera::parallel(self.plane.normal, up, &points, window)
     }
 
     fn areas(&self, model: &Model, tint: Tint, camera: &Camera) -> anyhow::Result<Canvas> {
-        let mut mesh = Mesh { kind: Kind::Cut, vertices: Vec::new(), triangles: Vec::new(), has_shadow: false };
+        let mut mesh =
+            Mesh { kind: Kind::Cut, vertices: Vec::new(), triangles: Vec::new(), has_shadow: false };
         for (corners, colours) in self.triangles(model, tint) {
             let first = mesh.vertices.len() as u32;
             mesh.triangles.push([first, first + 1, first + 2]);
@@ -105,14 +114,16 @@ impl Slice {
         let mut raster = Raster::new(2 * WIDTH, 2 * HEIGHT);
         raster.draw(camera, &mesh, None);
         let paper = [247, 248, 249].map(to_linear);
-        let flat = raster.pixels.iter().map(|pixel| if pixel.kind == Kind::Empty { paper } else { pixel.colour });
+        let flat =
+            raster.pixels.iter().map(|pixel| if pixel.kind == Kind::Empty { paper } else { pixel.colour });
         Canvas::from_light(&flat.collect::<Vec<_>>(), WIDTH, HEIGHT)
     }
 
     fn tool(&self, canvas: &mut Canvas, subject: &Subject, place: &dyn Fn(Vec3) -> [f32; 2]) {
         for part in solid::tool(&subject.tool.desc, &subject.pressed.tool).into_iter().rev() {
             let positions: Vec<Vec3> = part.vertices.iter().map(|vertex| vertex.position).collect();
-            let mut hull = hull(contour(&positions, &part.triangles, self.plane).into_iter().flatten().map(place));
+            let mut hull =
+                hull(contour(&positions, &part.triangles, self.plane).into_iter().flatten().map(place));
             canvas.polygon(&hull, STEEL.map(to_srgb), 255);
             if let Some(&first) = hull.first() {
                 hull.push(first);
@@ -123,7 +134,8 @@ impl Slice {
 
         let force_n = subject.pressed.wrench.force_n;
         if force_n.norm() > 1e-6 {
-            let from = subject.pressed.tool.translation.vector - subject.direction * (subject.tool.rear_m + 0.004);
+            let from =
+                subject.pressed.tool.translation.vector - subject.direction * (subject.tool.rear_m + 0.004);
             let to = place(from + force_n.normalize() * ARROW_M);
             let ink = FORCE.map(to_srgb);
             canvas.arrow(place(from), to, 5.0, ink);

@@ -70,12 +70,12 @@ pub fn arrow(from: Vec3, vector: Vec3, radius_m: f64, colour: Colour) -> Mesh {
 }
 
 /// A flat bar on the floor, `pieces` pieces of `piece_m` in turn dark and light, from `from` along `along`.
-pub fn scale(from: Vec3, along: Vec3, up: Vec3, piece_m: f64, pieces: usize) -> Mesh {
+pub fn scale(from: Vec3, along: Vec3, up: Vec3, piece_m: f64, pieces: u8) -> Mesh {
     let across = up.cross(&along) * 0.004;
     let mut mesh = Mesh { kind: Kind::Solid, vertices: Vec::new(), triangles: Vec::new(), has_shadow: false };
     for piece in 0..pieces {
         let colour = if piece % 2 == 0 { [0.02; 3] } else { [0.85; 3] };
-        let start = from + along * (piece as f64 * piece_m) + up * 0.0004;
+        let start = from + along * (f64::from(piece) * piece_m) + up * 0.0004;
         let corners = [start, start + along * piece_m, start + along * piece_m + across, start + across];
         quad(&mut mesh, corners, up, colour);
     }
@@ -86,7 +86,8 @@ pub fn scale(from: Vec3, along: Vec3, up: Vec3, piece_m: f64, pieces: usize) -> 
 pub fn floor(centre: Vec3, up: Vec3, half_m: f64) -> Mesh {
     let side = up.cross(&Vec3::ith(up.iamin(), 1.0)).normalize() * half_m;
     let other = up.cross(&side);
-    let corners = [centre - side - other, centre + side - other, centre + side + other, centre - side + other];
+    let corners =
+        [centre - side - other, centre + side - other, centre + side + other, centre - side + other];
     let mut mesh = Mesh { kind: Kind::Floor, vertices: Vec::new(), triangles: Vec::new(), has_shadow: false };
     quad(&mut mesh, corners, up, [0.0; 3]);
     mesh

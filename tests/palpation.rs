@@ -66,7 +66,8 @@ fn a_press_leaves_a_table_and_pictures_that_are_not_blank() {
     }
 
     for name in PICTURES {
-        let picture = Pixmap::load_png(out.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let picture =
+            Pixmap::load_png(out.path().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
         let coarse = |p: &tiny_skia::PremultipliedColorU8| (p.red() / 8, p.green() / 8, p.blue() / 8);
         let mut colours: Vec<_> = picture.pixels().iter().map(coarse).collect();
         colours.sort_unstable();
@@ -83,7 +84,8 @@ fn force_is_zero_before_contact_and_rises_with_indentation() {
 
     let run = Columns::read(&out.path().join("run.csv"));
     let phase = run.text("phase");
-    let [time, indentation, contacts] = ["time_s", "indentation_mm", "contacts"].map(|name| run.numbers(name));
+    let [time, indentation, contacts] =
+        ["time_s", "indentation_mm", "contacts"].map(|name| run.numbers(name));
     let [x, y, z] = ["force_x_n", "force_y_n", "force_z_n"].map(|name| run.numbers(name));
     let force = |row: usize| x[row].hypot(y[row]).hypot(z[row]);
     assert!(time.is_sorted_by(|a, b| a < b));
@@ -93,7 +95,8 @@ fn force_is_zero_before_contact_and_rises_with_indentation() {
     let first = contacts.iter().position(|&count| count > 0.0).unwrap();
     assert!(first > 0 && (0..first).all(|row| force(row) == 0.0 && indentation[row] == 0.0));
     let mean = |quarter: usize| {
-        let is_in = |row: &usize| (indentation[*row] / 2.5).min(3.999) as usize == quarter && phase[*row] == "Press";
+        let is_in =
+            |row: &usize| (indentation[*row] / 2.5).min(3.999) as usize == quarter && phase[*row] == "Press";
         let rows: Vec<usize> = (first..phase.len()).filter(is_in).collect();
         rows.iter().map(|&row| force(row)).sum::<f64>() / rows.len() as f64
     };

@@ -9,7 +9,7 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, LabelUse, Model, import, phantom};
 
-use crate::options::Options;
+use super::options::Options;
 
 /// What labels mean in a file when `--material` does not say otherwise: those of a segmented chest.
 const CHEST_LABELS: [(u16, &str); 11] = [

@@ -14,8 +14,6 @@ const RAYS: usize = 25;
 pub struct Approach {
     /// The point of the undeformed surface that is met.
     pub point_m: Vec3,
-    /// Outward normal of the tissue there.
-    pub normal: Vec3,
     /// Direction of the press.
     pub direction: Vec3,
 }
@@ -34,7 +32,7 @@ pub fn choose(sim: &Sim, at_m: Option<Vec3>, direction: Vec3, room_m: f64) -> an
     let Some(pick) = pick else {
         bail!("no tissue lies along the direction of the press: try --at or --direction")
     };
-    Ok(Approach { point_m: pick.point_m, normal: pick.normal, direction })
+    Ok(Approach { point_m: pick.point_m, direction })
 }
 
 /// The ray, of a grid of rays over the whole body, that ends farthest from anything held, facing the tool, near the middle.

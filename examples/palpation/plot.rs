@@ -7,7 +7,7 @@ use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 use tiny_skia::{IntSize, Pixmap};
 
-use crate::press::{Phase, Row};
+use super::press::{Phase, Row};
 
 const WIDTH: u32 = 1000;
 const HEIGHT: u32 = 700;

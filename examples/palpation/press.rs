@@ -6,9 +6,9 @@ use palpate::sim::{Sim, ToolPort};
 use palpate::solver::statistics::{Energy, Statistics};
 use palpate::solver::tool::{ToolMotion, Wrench};
 
-use crate::approach::Approach;
-use crate::snapshot::{Camcorder, Snapshot};
-use crate::tool::Tool;
+use super::approach::Approach;
+use super::snapshot::{Camcorder, Snapshot};
+use super::tool::Tool;
 
 /// Air between tool and tissue at the start, in metres.
 pub const GAP_M: f64 = 0.003;
@@ -88,7 +88,7 @@ pub fn run(
 
     let start = tool.pose(path.tip(), plan.approach.direction);
     if let Some(camcorder) = &mut camcorder {
-        record.snapshots.push(camcorder.take(sim, start, 0.0, Wrench::default())?);
+        record.snapshots.push(camcorder.shoot(sim, start, 0.0, Wrench::default())?);
     }
 
     while let Some(velocity) = path.advance() {
@@ -98,7 +98,7 @@ pub fn run(
 
         // The first touch is always in the record: everything is measured from it.
         let met = path.notice(row.statistics.contact_points > 0)?;
-        if met || row.statistics.steps % ROW_STEPS == 0 {
+        if met || row.statistics.steps.is_multiple_of(ROW_STEPS) {
             record.rows.push(Row { energy: sim.energy(), ..row });
         }
         if path.is_hold_over()
@@ -129,7 +129,7 @@ fn step(sim: &mut Sim, port: &mut ToolPort, path: &Path, pose: Pose, velocity: V
 
 fn report(bar: &ProgressBar, row: &Row) {
     bar.inc(1);
-    if row.statistics.steps % 16 == 0 {
+    if row.statistics.steps.is_multiple_of(16) {
         bar.set_message(format!(
             "{:4.1} mm  {:5.2} N  {:4.1} × real time",
             row.indentation_m * 1e3,

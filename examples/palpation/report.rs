@@ -7,9 +7,9 @@ use anyhow::Context;
 use comfy_table::{Table, presets};
 use palpate::model::Model;
 
-use crate::options::Options;
-use crate::press::{Plan, Record, Row};
-use crate::tool::Tool;
+use super::options::Options;
+use super::press::{Plan, Record, Row};
+use super::tool::Tool;
 
 /// Columns of the CSV file, in SI units except for what a reader expects in millimetres.
 const COLUMNS: &str = "time_s,phase,tool_x_m,tool_y_m,tool_z_m,indentation_mm,force_x_n,force_y_n,force_z_n,\
@@ -47,7 +47,7 @@ pub fn write_csv(rows: &[Row], path: &Path) -> anyhow::Result<()> {
 pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record: &Record) -> Table {
     let lattice = model.lattice();
     let mut table = Table::new();
-    table.load_preset(presets::UTF8_HORIZONTAL_ONLY);
+    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
     let mut row = |name: &str, value: String| {
         table.add_row([name.to_owned(), value]);
     };
@@ -105,7 +105,7 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
 }
 
 fn held_force(record: &Record) -> f64 {
-    let held = record.rows.iter().rfind(|r| r.phase == crate::press::Phase::Hold);
+    let held = record.rows.iter().rfind(|r| r.phase == super::press::Phase::Hold);
     held.map_or(0.0, |r| r.wrench.force_n.norm())
 }
 
@@ -114,7 +114,7 @@ fn grouped(count: usize) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (index, digit) in digits.chars().enumerate() {
-        if index > 0 && (digits.len() - index) % 3 == 0 {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);

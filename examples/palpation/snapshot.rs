@@ -42,7 +42,7 @@ impl Camcorder {
     }
 
     /// The tissue as it is now.
-    pub fn take(
+    pub fn shoot(
         &mut self,
         sim: &Sim,
         tool: Pose,

@@ -6,7 +6,7 @@
 use palpate::math::{Pose, Quat, Vec3};
 use palpate::solver::tool::{Shape, ToolDesc};
 
-use crate::options::{Options, ToolKind};
+use super::options::{Options, ToolKind};
 
 /// Length of the shaft behind the tip, in metres.
 const SHAFT_M: f64 = 0.05;

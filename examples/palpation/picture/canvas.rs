@@ -18,8 +18,6 @@ pub enum Anchor {
     Start,
     /// The middle.
     Middle,
-    /// The right end.
-    End,
 }
 
 /// A picture under work.
@@ -58,7 +56,6 @@ impl Canvas {
         let mut pen = match anchor {
             Anchor::Start => x,
             Anchor::Middle => x - width / 2.0,
-            Anchor::End => x - width,
         };
         for character in text.chars() {
             let id = scaled.glyph_id(character);

@@ -19,8 +19,8 @@ use palpate::model::Model;
 
 use self::canvas::{Anchor, Canvas, INK};
 use self::colour::Colour;
-use crate::snapshot::Snapshot;
-use crate::tool::Tool;
+use super::snapshot::Snapshot;
+use super::tool::Tool;
 
 /// Width of every picture in pixels.
 const WIDTH: usize = 1400;

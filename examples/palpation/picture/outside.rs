@@ -2,6 +2,7 @@
 
 use palpate::math::Vec3;
 
+use super::super::snapshot::Snapshot;
 use super::camera::{Camera, Window};
 use super::canvas::{Anchor, Canvas, INK};
 use super::colour::{Colour, FORCE, of_quantity};
@@ -11,7 +12,6 @@ use super::slice::Slice;
 use super::{
     HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length, solid,
 };
-use crate::snapshot::Snapshot;
 
 /// Length of the force arrow in metres.
 const ARROW_M: f64 = 0.035;

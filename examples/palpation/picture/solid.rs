@@ -45,7 +45,7 @@ pub fn arrow(from: Vec3, vector: Vec3, radius_m: f64, colour: Colour) -> Mesh {
     let along = vector / length;
     let head = (4.5 * radius_m).min(0.6 * length);
     // Rings as (distance along the arrow, radius, lean of the normal along the arrow).
-    let rings = [
+    let rings: [(f64, f64, f64); 8] = [
         (0.0, 0.0, -1.0),
         (0.0, radius_m, -1.0),
         (0.0, radius_m, 0.0),
@@ -62,7 +62,7 @@ pub fn arrow(from: Vec3, vector: Vec3, radius_m: f64, colour: Colour) -> Mesh {
         for column in 0..ROUND {
             let angle = column as f64 / ROUND as f64 * std::f64::consts::TAU;
             let out = side * angle.cos() + other * angle.sin();
-            let normal = (out * (1.0 - lean * lean as f64).sqrt() + along * lean).normalize();
+            let normal = (out * (1.0 - lean * lean).sqrt() + along * lean).normalize();
             vertices.push(Vertex { position: from + along * distance + out * radius, normal, colour });
         }
     }

@@ -1,8 +1,10 @@
 //! WHAT is simulated: immutable, free of any backend, built once in double precision and shared by [`Arc`](std::sync::Arc).
 
 pub mod build;
+pub mod energy;
 pub mod grid;
 pub mod lattice;
+pub mod law;
 pub mod material;
 pub mod mesh;
 pub mod surface;

@@ -105,7 +105,7 @@ pub fn run(
             && let Some(camcorder) = camcorder.take()
         {
             let mut camcorder = camcorder;
-            record.snapshots.push(camcorder.take(sim, pose, row.indentation_m, row.wrench)?);
+            record.snapshots.push(camcorder.shoot(sim, pose, row.indentation_m, row.wrench)?);
         }
         report(bar, &row);
     }

@@ -37,8 +37,8 @@ fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::
     let mut chart = ChartBuilder::on(&area)
         .caption("Force on the tool against indentation", ("sans-serif", 44))
         .margin(40)
-        .x_label_area_size(100)
-        .y_label_area_size(140)
+        .x_label_area_size(90)
+        .y_label_area_size(115)
         .build_cartesian_2d(0.0..1.05 * deepest, 0.0..1.08 * strongest)?;
     chart
         .configure_mesh()

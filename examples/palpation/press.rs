@@ -102,9 +102,8 @@ pub fn run(
             record.rows.push(Row { energy: sim.energy(), ..row });
         }
         if path.is_hold_over()
-            && let Some(camcorder) = camcorder.take()
+            && let Some(camcorder) = &mut camcorder
         {
-            let mut camcorder = camcorder;
             record.snapshots.push(camcorder.shoot(sim, pose, row.indentation_m, row.wrench)?);
         }
         report(bar, &row);

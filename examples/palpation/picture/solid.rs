@@ -36,7 +36,16 @@ fn convex(shape: &Shape, pose: &Pose, colour: Colour) -> Mesh {
             vertices.push(Vertex { position, normal: pose.rotation * normal, colour });
         }
     }
-    Mesh { kind: Kind::Solid, vertices, triangles: grid(rows, ROUND), has_shadow: true }
+
+    // The first and the last ring of a box go around its upper and its lower side, which a fan fills.
+    let mut triangles = grid(rows, ROUND);
+    for (ring, side) in [(0, 1.0), (rows * ROUND, -1.0)] {
+        let position = pose.transform_point(&(Vec3::z() * (side * (core.z + radius_m))).into()).coords;
+        let middle = vertices.len() as u32;
+        vertices.push(Vertex { position, normal: pose.rotation * Vec3::z() * side, colour });
+        triangles.extend((0..ROUND).map(|c| [middle, (ring + c) as u32, (ring + (c + 1) % ROUND) as u32]));
+    }
+    Mesh { kind: Kind::Solid, vertices, triangles, has_shadow: true }
 }
 
 /// An arrow from a point along a vector, of that vector's length.

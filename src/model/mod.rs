@@ -2,9 +2,13 @@
 
 pub mod build;
 pub mod grid;
+pub mod import;
+pub mod intensity;
 pub mod lattice;
 pub mod material;
 pub mod mesh;
+mod placement;
+mod resample;
 pub mod surface;
 
 pub use build::{Build, Fix, LabelUse, Model, SurfaceSource};

@@ -56,7 +56,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_to_m: f64) -> Result<TriangleMesh
     if !(scale_to_m > 0.0 && scale_to_m.is_finite()) {
         return Err(Error::argument(format!("a unit of {scale_to_m} m is not a length")));
     }
-    let parse: fn(&str, Vec<u8>) -> Result<TriangleMesh> =
+    let parse: fn(&str, &[u8]) -> Result<TriangleMesh> =
         match path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
             Some("obj") => obj::parse,
             Some("stl") => stl::parse,
@@ -72,7 +72,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_to_m: f64) -> Result<TriangleMesh
     open(path)?;
     let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.into(), source })?;
     let what = path.display().to_string();
-    let mut mesh = parse(&what, bytes)?;
+    let mut mesh = parse(&what, &bytes)?;
     for position in &mut mesh.positions {
         *position *= scale_to_m;
     }

@@ -44,10 +44,11 @@ pub(super) fn open(mut source: Source) -> Result<Volume> {
 
     // Extensions lie between the header and the voxels.
     let offset = if header.vox_offset == 0.0 { 352.0 } else { header.vox_offset };
-    if !(offset >= HEADER as f32 && offset.fract() == 0.0 && f64::from(offset) <= source.capacity as f64) {
+    let gap = f64::from(offset) - HEADER as f64;
+    if !(gap >= 0.0 && gap.fract() == 0.0 && gap <= source.capacity as f64) {
         return Err(source.refuse(format!("the voxels cannot start at byte {offset}")));
     }
-    source.skip(offset as u64 - HEADER as u64)?;
+    source.skip(gap as u64)?;
     Volume::new(source, dims, affine, encoding, scaling)
 }
 
@@ -113,7 +114,7 @@ fn affine(header: &NiftiHeader, source: &Source) -> Result<Affine> {
         affine = Affine::from_fn(|r, c| f64::from(rows[r][c]));
     } else {
         let spacing = Vec3::from_fn(|a, _| f64::from(header.pixdim[a + 1]));
-        if spacing.iter().any(|&s| !(s > 0.0)) {
+        if spacing.iter().any(|&s| s.is_nan() || s <= 0.0) {
             let [x, y, z] = spacing.into();
             return Err(source.refuse(format!("a voxel spacing of ({x}, {y}, {z})")));
         }

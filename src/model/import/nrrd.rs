@@ -31,22 +31,29 @@ pub(super) fn open(mut source: Source) -> Result<Volume> {
     let axes = Axes::read(&fields, &source)?;
     let affine = axes.affine(&fields, &source)?;
     let scalar = scalar(fields.need("type", &source)?, &source)?;
-    let is_big_endian = match fields.get("endian") {
-        Some("little") => false,
-        Some("big") => true,
-        None if scalar.size() == 1 => false,
-        other => return Err(source.refuse(format!("byte order {}", other.unwrap_or("is missing")))),
-    };
     let encoding = match fields.need("encoding", &source)?.to_ascii_lowercase().as_str() {
-        "raw" => Encoding::Binary { scalar, is_big_endian },
+        "raw" => binary(scalar, &fields, &source)?,
         "gz" | "gzip" => {
+            let encoding = binary(scalar, &fields, &source)?;
             source = source.inflated();
-            Encoding::Binary { scalar, is_big_endian }
+            encoding
         }
         "txt" | "text" | "ascii" => Encoding::Text,
         other => return Err(source.unsupported(&format!("the NRRD encoding {other} is not supported"))),
     };
     Volume::new(source, axes.dims, affine, encoding, None)
+}
+
+fn binary(scalar: Scalar, fields: &Fields, source: &Source) -> Result<Encoding> {
+    let is_big_endian = match fields.get("endian") {
+        Some("little") => false,
+        Some("big") => true,
+        // A single byte has no order.
+        None if scalar.size() == 1 => false,
+        None => return Err(source.refuse("the field 'endian' is missing")),
+        Some(other) => return Err(source.refuse(format!("unknown byte order '{other}'"))),
+    };
+    Ok(Encoding::Binary { scalar, is_big_endian })
 }
 
 /// The fields of a header by name, in lower case and without spaces, since both `data file` and `datafile` are in use.

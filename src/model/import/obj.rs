@@ -6,8 +6,8 @@ use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::mesh::TriangleMesh;
 
-pub(super) fn parse(what: &str, bytes: Vec<u8>) -> Result<TriangleMesh> {
-    let text = String::from_utf8_lossy(&bytes);
+pub(super) fn parse(what: &str, bytes: &[u8]) -> Result<TriangleMesh> {
+    let text = String::from_utf8_lossy(bytes);
     let mut reader = Reader::default();
     for (number, line) in text.lines().enumerate() {
         reader

@@ -15,10 +15,10 @@ use crate::model::mesh::TriangleMesh;
 /// Longest message of the parser that is passed on: it quotes whole lines.
 const LONGEST_QUOTE: usize = 200;
 
-pub(super) fn parse(what: &str, bytes: Vec<u8>) -> Result<TriangleMesh> {
+pub(super) fn parse(what: &str, bytes: &[u8]) -> Result<TriangleMesh> {
     let refuse = |reason: String| Error::format(what, reason.chars().take(LONGEST_QUOTE).collect::<String>());
     let parser = Parser::<Item>::new();
-    let mut reader = Reader::new(&bytes[..]);
+    let mut reader = Reader::new(bytes);
     let header = parser.read_header(&mut reader).map_err(|e| refuse(e.to_string()))?;
     let body = reader.get_ref().len();
     check_header(&header, &bytes[..bytes.len() - body], body).map_err(refuse)?;

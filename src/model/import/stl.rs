@@ -15,17 +15,20 @@ const HEADER: usize = 84;
 /// Bytes of a triangle: normal, three vertices and an attribute.
 const TRIANGLE: usize = 50;
 
-pub(super) fn parse(what: &str, mut bytes: Vec<u8>) -> Result<TriangleMesh> {
+pub(super) fn parse(what: &str, bytes: &[u8]) -> Result<TriangleMesh> {
     let mut welder = Welder::default();
-    if is_binary(&bytes) {
-        // stl_io takes whatever starts with "solid " for text.
-        bytes[0] = 0;
-        welder.add_solid(what, &bytes)?;
+    if is_binary(bytes) {
+        // stl_io takes whatever starts with "solid " for text, so the comment of such a file is blanked.
+        if bytes.starts_with(b"solid") {
+            welder.add_solid(what, &[&[0; 5], &bytes[5..]].concat())?;
+        } else {
+            welder.add_solid(what, bytes)?;
+        }
         return Ok(welder.mesh);
     }
 
     let is_text = bytes.trim_ascii_start().starts_with(b"solid");
-    let text = str::from_utf8(&bytes).ok().filter(|_| is_text).ok_or_else(|| {
+    let text = str::from_utf8(bytes).ok().filter(|_| is_text).ok_or_else(|| {
         Error::format(
             what,
             "neither a text STL nor a binary one of the length that its triangle count asks for",

@@ -16,7 +16,7 @@ use palpate::model::intensity::HounsfieldRange;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-// ---- Files -----------------------------------------------------------------------------------------------------------
+// ---- Files -------------------------------------------------------
 
 /// A file that lives as long as the test looks at it.
 struct Scratch(PathBuf);
@@ -51,7 +51,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-// ---- NIfTI -----------------------------------------------------------------------------------------------------------
+// ---- NIfTI -------------------------------------------------------
 
 /// A NIfTI-1 header, written by byte offset from the format's definition, little-endian.
 #[derive(Clone)]
@@ -126,7 +126,8 @@ fn place_of(grid: &LabelGrid, label: u16) -> Vector3<f64> {
     (grid.frame() * Point3::from(index.component_mul(&grid.spacing()))).coords
 }
 
-/// All 24 voxels of a 2 × 3 × 4 file, holding 0 to 23 in the file's order, lie where `affine` (in mm) puts them.
+/// All 24 voxels of a 2 × 3 × 4 file, holding 0 to 23 in the file's order, lie where `affine` (in mm) puts
+/// them.
 fn assert_places(grid: &LabelGrid, affine: &Matrix3x4<f64>) {
     for label in 0..24_u16 {
         let index = Vector4::new(f64::from(label % 2), f64::from(label / 2 % 3), f64::from(label / 6), 1.0);
@@ -315,7 +316,7 @@ fn damaged_gzip_data_is_refused_by_its_checksum() {
     assert!(matches!(read_labels(Scratch::new("nii.gz", &file)), Err(Error::Format { .. })));
 }
 
-// ---- NRRD ------------------------------------------------------------------------------------------------------------
+// ---- NRRD --------------------------------------------------------
 
 fn nrrd(header: &str, data: &[u8]) -> Vec<u8> {
     [format!("NRRD0005\n# a comment\n{header}\n\n").as_bytes(), data].concat()
@@ -326,7 +327,8 @@ fn vector(v: impl Iterator<Item = f64>) -> String {
     format!("({})", parts.join(","))
 }
 
-/// A header whose voxels lie where `affine` (RAS, mm) puts them, written in `space` whose axes have these signs.
+/// A header whose voxels lie where `affine` (RAS, mm) puts them, written in `space` whose axes have these
+/// signs.
 fn nrrd_header(affine: &Matrix3x4<f64>, space: &str, signs: [f64; 3], rest: &str) -> String {
     let column = |c: usize| vector((0..3).map(|r| signs[r] * affine[(r, c)]));
     format!(
@@ -444,7 +446,7 @@ fn nrrd_headers_that_lie_are_refused() {
     assert!(read_labels(Scratch::new("nrrd", b"NRRD9999\n\n")).is_err());
 }
 
-// ---- Meshes ----------------------------------------------------------------------------------------------------------
+// ---- Meshes ------------------------------------------------------
 
 const TETRAHEDRON_OBJ: &str = "# a tetrahedron\no body\nv 0 0 0\nv 1 0 0 1.0\nv 0 1 0 0.5 0.5 0.5\nv 0 0 1\n\
     vn 0 0 1\nl 1 2 3 4\nf 1 3 2\nf 1//1 2//1 4//1\nf -3 -2 -1\nf 3 1 4\n";
@@ -489,8 +491,8 @@ fn text_stl() -> String {
 fn text_ply() -> String {
     let (positions, triangles) = tetrahedron();
     let mut text = String::from(
-        "ply\nformat ascii 1.0\ncomment scanned\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar red\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n",
+        "ply\nformat ascii 1.0\ncomment scanned\nelement vertex 4\nproperty float x\nproperty float y\n\
+         property float z\nproperty uchar red\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n",
     );
     positions.iter().for_each(|[x, y, z]| text += &format!("{x} {y} {z} 255\n"));
     triangles.iter().for_each(|[a, b, c]| text += &format!("3 {a} {b} {c}\n"));
@@ -578,9 +580,9 @@ fn obj_seams_repeat_a_vertex_for_each_texture_coordinate() {
 
 #[test]
 fn ply_texture_coordinates_are_kept() {
-    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
-                property float s\nproperty float t\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n\
-                0 0 0 0 1\n1 0 0 0.5 0.25\n0 1 0 1 0\n3 0 1 2\n";
+    let text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+                property float z\nproperty float s\nproperty float t\nelement face 1\n\
+                property list uchar int vertex_indices\nend_header\n0 0 0 0 1\n1 0 0 0.5 0.25\n0 1 0 1 0\n3 0 1 2\n";
     let mesh = read_mesh(Scratch::new("ply", text.as_bytes()), 1.0).unwrap();
     assert_eq!(mesh.uvs, [[0.0, 1.0], [0.5, 0.25], [1.0, 0.0]]);
 }
@@ -672,7 +674,7 @@ fn what_is_no_mesh_or_no_file_is_an_error() {
     assert!(matches!(read_labels(std::env::temp_dir()), Err(Error::Io { .. })));
 }
 
-// ---- Damage ----------------------------------------------------------------------------------------------------------
+// ---- Damage ------------------------------------------------------
 
 /// Counts the bytes that the current thread holds and has held at most.
 struct Counting;
@@ -788,7 +790,8 @@ fn damaged_files_never_panic_and_allocate_no_more_than_they_could_hold() {
             let peak = peak_of(|| {
                 read_any(extension, &bytes);
             });
-            // Two bytes for each byte that deflate can make of one, three buffers, and the list that PLY prepares.
+            // Two bytes for each byte that deflate can make of one, three buffers, and the list that PLY
+            // prepares.
             let most = 8 * 1032 * size + (2 << 20);
             prop_assert!(peak <= most, "{peak} bytes for a {extension} file of {size}");
             Ok(())
@@ -801,7 +804,8 @@ fn every_truncation_of_every_file_is_refused_or_loses_only_blank_space() {
     for (extension, bytes) in valid_files() {
         for length in 0..bytes.len() {
             let (kept, lost) = bytes.split_at(length);
-            // OBJ has no end mark, and a text STL may end after any solid: what stands before the cut is a file of its own.
+            // OBJ has no end mark, and a text STL may end after any solid: what stands before the cut is a
+            // file of its own.
             let last_line = kept.trim_ascii_end().rsplit(|&b| b == b'\n').next().unwrap_or_default();
             let is_whole = match extension {
                 "obj" => true,
@@ -835,7 +839,7 @@ fn noise_is_refused() {
         .unwrap();
 }
 
-// ---- Real anatomy ----------------------------------------------------------------------------------------------------
+// ---- Real anatomy ------------------------------------------------
 
 /// A file of the test data, or nothing and a loud word about it. A build server must have the data.
 fn real_file(name: &str) -> Option<PathBuf> {
@@ -881,7 +885,8 @@ fn real_labels_have_the_documented_counts() {
 fn real_anatomy_stands_upright_in_ras() {
     let Some(path) = real_file("thorax_labels.nii.gz") else { return };
     let grid = read_labels(path).unwrap();
-    // The mean place of a label: bone is mostly spine, so it lies behind the heart; the spleen is on the left, below the heart.
+    // The mean place of a label: bone is mostly spine, so it lies behind the heart; the spleen is on the
+    // left, below the heart.
     let mean = |label: u16| {
         let [nx, ny, _] = grid.dims();
         let places = grid.labels().iter().enumerate().filter(|&(_, &l)| l == label).map(|(n, _)| n);

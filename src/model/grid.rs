@@ -9,10 +9,12 @@ use super::placement::{Placement, reverse_x};
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 
-/// Most voxels that a grid may have: 2³¹, so that an index always fits and a hostile header cannot ask for terabytes.
+/// Most voxels that a grid may have: 2³¹, so that an index always fits and a hostile header cannot ask for
+/// terabytes.
 pub const MAX_VOXELS: usize = 1 << 31;
 
-/// Labels of a regular grid of voxels. Label 0 is a label like any other; what is empty is said when a model is built.
+/// Labels of a regular grid of voxels. Label 0 is a label like any other; what is empty is said when a model
+/// is built.
 #[derive(Clone, Debug)]
 pub struct LabelGrid {
     placement: Placement,
@@ -24,25 +26,26 @@ pub struct LabelGrid {
 pub enum ResampleRule {
     /// The voxel that contains the centre of the cell.
     Nearest,
-    /// The label that fills the largest part of the cell; of equal parts the smaller label. Space outside the grid counts as
-    /// label 0.
+    /// The label that fills the largest part of the cell; of equal parts the smaller label. Space outside the
+    /// grid counts as label 0.
     Majority,
 }
 
 impl LabelGrid {
     /// A grid from labels in memory.
     ///
-    /// `dims` is the voxel count along x, y, z; `spacing` the distance of neighbouring centres in metres; `frame` maps
-    /// grid axes to the world, its translation being the centre of voxel (0, 0, 0).
+    /// `dims` is the voxel count along x, y, z; `spacing` the distance of neighbouring centres in metres;
+    /// `frame` maps grid axes to the world, its translation being the centre of voxel (0, 0, 0).
     pub fn new(dims: [usize; 3], spacing: Vec3, frame: Pose, labels: Vec<u16>) -> Result<Self> {
         Self::from_placement(Placement::new(dims, spacing, frame)?, labels)
     }
 
     /// A grid from labels in memory and the affine matrix that files carry.
     ///
-    /// `affine` maps a voxel index (i, j, k, 1) to the centre of that voxel in the world, in metres; its axes may have any
-    /// direction and each its own spacing. Axes more than 0.06° from square are refused. A left-handed matrix is accepted:
-    /// the voxels are then reversed along x, so that the grid's frame is right-handed and every voxel stays where it was.
+    /// `affine` maps a voxel index (i, j, k, 1) to the centre of that voxel in the world, in metres; its axes
+    /// may have any direction and each its own spacing. Axes more than 0.06° from square are refused. A
+    /// left-handed matrix is accepted: the voxels are then reversed along x, so that the grid's frame is
+    /// right-handed and every voxel stays where it was.
     pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut labels: Vec<u16>) -> Result<Self> {
         let (placement, is_reversed) = Placement::from_affine(dims, affine)?;
         if is_reversed {

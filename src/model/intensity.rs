@@ -28,8 +28,8 @@ pub struct HounsfieldRange {
 }
 
 impl IntensityGrid {
-    /// A grid from intensities in memory, x fastest. `affine` maps a voxel index to the centre of that voxel in the world, in
-    /// metres; see [`LabelGrid::from_affine`].
+    /// A grid from intensities in memory, x fastest. `affine` maps a voxel index to the centre of that voxel
+    /// in the world, in metres; see [`LabelGrid::from_affine`].
     pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut values: Vec<f32>) -> Result<Self> {
         let (placement, is_reversed) = Placement::from_affine(dims, affine)?;
         if values.len() != placement.count() {
@@ -65,8 +65,8 @@ impl IntensityGrid {
         &self.values
     }
 
-    /// Labels by thresholds: the first range that holds a voxel names its label; voxels in no range, and voxels that are not
-    /// a number, get label 0.
+    /// Labels by thresholds: the first range that holds a voxel names its label; voxels in no range, and
+    /// voxels that are not a number, get label 0.
     pub fn to_labels(&self, ranges: &[HounsfieldRange]) -> Result<LabelGrid> {
         // Written so that a bound which is not a number is refused too.
         if let Some(bad) = ranges.iter().find(|r| !matches!(r.low.partial_cmp(&r.high), Some(o) if o.is_le()))

@@ -1,10 +1,11 @@
 //! What tissue is made of: isotropic elasticity, density and damping, and presets with their sources.
 //!
-//! **About the presets.** Living tissue is nonlinear, anisotropic, and differs between people and between ways of measuring
-//! by factors of two to ten; a preset is a sound start, not a measurement of a patient. All are small-strain values. Shear
-//! moduli μ are converted by E = 2 μ (1 + ν) with the ν of the same preset. Soft tissue is nearly incompressible (ν → 0.5);
-//! 0.45 is taken where the source names none, because the time step shrinks without bound towards 0.5. Their damping is 0:
-//! background drag belongs to the simulation, not to the material.
+//! **About the presets.** Living tissue is nonlinear, anisotropic, and differs between people and between
+//! ways of measuring by factors of two to ten; a preset is a sound start, not a measurement of a patient. All
+//! are small-strain values. Shear moduli μ are converted by E = 2 μ (1 + ν) with the ν of the same preset.
+//! Soft tissue is nearly incompressible (ν → 0.5); 0.45 is taken where the source names none, because the
+//! time step shrinks without bound towards 0.5. Their damping is 0: background drag belongs to the
+//! simulation, not to the material.
 
 use crate::error::{Error, Result};
 
@@ -22,7 +23,8 @@ pub struct Material {
     pub poisson: f64,
     /// Mass density in kg/m³.
     pub density_kg_m3: f64,
-    /// Stiffness-proportional damping β in seconds: every spring of stiffness k resists with β k times its rate of length.
+    /// Stiffness-proportional damping β in seconds: every spring of stiffness k resists with β k times its
+    /// rate of length.
     pub damping_s: f64,
 }
 
@@ -65,32 +67,32 @@ pub const PRESETS: &[Preset] = &[
     preset("bone", 10e9, 0.30, 1900.0, BONE),
 ];
 
-const LUNG: &str = "Typical of inflated lung parenchyma: published moduli run from under 1 kPa to 10 kPa with inflation. \
-    The density is what a CT value of -700 HU means.";
-const BRAIN: &str = "E and nu as in the brain indentation checks of Joldes et al. 2019 (MTLED suite, PMC6661214); density: \
-    ICRU Report 46, 1992.";
-const FAT: &str = "E: Samani, Zubovits and Plewes 2007, normal breast fat, 3.25 ± 0.91 kPa; density: adipose tissue, ICRU \
-    Report 46, 1992.";
-const ABDOMEN: &str = "Shear modulus and density: table 1 of Phys. Med. Biol. 64 (2019) 225001 (PMC6925591), with liver \
-    1.8 ± 0.4 kPa, gallbladder 85 ± 8.2 kPa, bile duct 166 ± 67 kPa.";
-const TUMOUR: &str = "Hepatocellular carcinoma, shear modulus 23.4 kPa and density: table 1 of Phys. Med. Biol. 64 (2019) \
-    225001 (PMC6925591).";
-const SPLEEN: &str = "Shear modulus: magnetic resonance elastography of healthy volunteers at 60 Hz, 3.6 kPa, Talwalkar et \
-    al. 2009; slow loading is softer. Density: ICRU Report 46, 1992.";
-const KIDNEY: &str = "Typical of elastography of the healthy cortex, where values run from 5 to 40 kPa; density: ICRU Report \
-    46, 1992.";
-const MUSCLE: &str = "Typical of relaxed skeletal muscle across its fibres; tensed muscle is several times stiffer. Density: \
-    Mendez and Keys 1960.";
-const MYOCARDIUM: &str = "Typical of the relaxed heart at small strain, where values run from 10 to 60 kPa; density: \
-    Vinnakota and Bassingthwaighte 2004.";
-const VESSEL: &str = "Hepatic artery, shear modulus 210 ± 47 kPa and density: table 1 of Phys. Med. Biol. 64 (2019) 225001 \
-    (PMC6925591). Veins are softer.";
-const AIRWAY: &str = "Typical in order of magnitude only, for a bronchial wall with its cartilage; density typical of soft \
-    tissue.";
-const SKIN: &str = "E: suction on living skin, 0.13 to 0.17 MPa, Barel, Courage and Clarys 1995; indentation gives far \
-    lower values. Density: ICRU Report 46, 1992.";
-const BONE: &str = "Typical of whole bone; cortical bone reaches 20 GPa (Rho, Ashman and Turner 1993). Density: cortical \
-    bone, about 1.9 g/cm³, ICRU Report 46, 1992.";
+const LUNG: &str = "Typical of inflated lung parenchyma: published moduli run from under 1 kPa to 10 kPa \
+    with inflation. The density is what a CT value of -700 HU means.";
+const BRAIN: &str = "E and nu as in the brain indentation checks of Joldes et al. 2019 (MTLED suite, \
+    PMC6661214); density: ICRU Report 46, 1992.";
+const FAT: &str = "E: Samani, Zubovits and Plewes 2007, normal breast fat, 3.25 ± 0.91 kPa; density: \
+    adipose tissue, ICRU Report 46, 1992.";
+const ABDOMEN: &str = "Shear modulus and density: table 1 of Phys. Med. Biol. 64 (2019) 225001 \
+    (PMC6925591), with liver 1.8 ± 0.4 kPa, gallbladder 85 ± 8.2 kPa, bile duct 166 ± 67 kPa.";
+const TUMOUR: &str = "Hepatocellular carcinoma, shear modulus 23.4 kPa and density: table 1 of Phys. \
+    Med. Biol. 64 (2019) 225001 (PMC6925591).";
+const SPLEEN: &str = "Shear modulus: magnetic resonance elastography of healthy volunteers at 60 Hz, 3.6 \
+    kPa, Talwalkar et al. 2009; slow loading is softer. Density: ICRU Report 46, 1992.";
+const KIDNEY: &str = "Typical of elastography of the healthy cortex, where values run from 5 to 40 kPa; \
+    density: ICRU Report 46, 1992.";
+const MUSCLE: &str = "Typical of relaxed skeletal muscle across its fibres; tensed muscle is several \
+    times stiffer. Density: Mendez and Keys 1960.";
+const MYOCARDIUM: &str = "Typical of the relaxed heart at small strain, where values run from 10 to 60 \
+    kPa; density: Vinnakota and Bassingthwaighte 2004.";
+const VESSEL: &str = "Hepatic artery, shear modulus 210 ± 47 kPa and density: table 1 of Phys. Med. \
+    Biol. 64 (2019) 225001 (PMC6925591). Veins are softer.";
+const AIRWAY: &str = "Typical in order of magnitude only, for a bronchial wall with its cartilage; \
+    density typical of soft tissue.";
+const SKIN: &str = "E: suction on living skin, 0.13 to 0.17 MPa, Barel, Courage and Clarys 1995; \
+    indentation gives far lower values. Density: ICRU Report 46, 1992.";
+const BONE: &str = "Typical of whole bone; cortical bone reaches 20 GPa (Rho, Ashman and Turner 1993). \
+    Density: cortical bone, about 1.9 g/cm³, ICRU Report 46, 1992.";
 
 const fn preset(
     name: &'static str,
@@ -166,7 +168,8 @@ mod tests {
 
     #[test]
     fn presets_give_the_measured_shear_moduli_back() {
-        // Shear modulus in Pa, its stated spread (0: none stated, so only rounding) and density of PMC6925591, table 1.
+        // Shear modulus in Pa, its stated spread (0: none stated, so only rounding) and density of
+        // PMC6925591, table 1.
         let measured = [
             ("liver", 1.8e3, 0.4e3, 1060.0),
             ("tumour", 23.4e3, 0.0, 1060.0),

@@ -6,11 +6,12 @@ use super::grid::voxel_count;
 use crate::error::{Error, Result};
 use crate::math::{Mat3, Pose, Vec3};
 
-/// Voxel to world: the first three columns are the steps along i, j, k, the last is the centre of voxel (0, 0, 0); metres.
+/// Voxel to world: the first three columns are the steps along i, j, k, the last is the centre of voxel (0,
+/// 0, 0); metres.
 pub(crate) type Affine = na::Matrix3x4<f64>;
 
-/// Largest cosine of the angle between two grid axes that still counts as a right angle: 0.06°. Files store axes in single
-/// precision or with a few decimals; a tilted gantry is degrees away.
+/// Largest cosine of the angle between two grid axes that still counts as a right angle: 0.06°. Files store
+/// axes in single precision or with a few decimals; a tilted gantry is degrees away.
 const SQUARE_COSINE: f64 = 1e-3;
 
 /// Counts, spacing and frame of a grid. The frame's translation is the **centre** of voxel (0, 0, 0).
@@ -36,8 +37,8 @@ impl Placement {
         Ok(Self { dims, spacing, frame })
     }
 
-    /// The placement that an affine matrix describes, and whether the voxels must be reversed along x to fit it: a
-    /// left-handed matrix becomes right-handed by counting x from the other end.
+    /// The placement that an affine matrix describes, and whether the voxels must be reversed along x to fit
+    /// it: a left-handed matrix becomes right-handed by counting x from the other end.
     pub(crate) fn from_affine(dims: [usize; 3], affine: &Affine) -> Result<(Self, bool)> {
         voxel_count(dims)?;
         let mut axes: Mat3 = affine.fixed_columns::<3>(0).into();
@@ -73,7 +74,8 @@ pub(crate) fn reverse_x<T>(voxels: &mut [T], dims: [usize; 3]) {
     }
 }
 
-/// The rotation nearest to `axes` (columns of the given lengths), refused where the columns are not square to each other.
+/// The rotation nearest to `axes` (columns of the given lengths), refused where the columns are not square to
+/// each other.
 fn nearest_rotation(axes: Mat3, lengths: Vec3) -> Result<na::UnitQuaternion<f64>> {
     let mut rotation = Mat3::from_fn(|r, c| axes[(r, c)] / lengths[c]);
     for (a, b) in [(0, 1), (1, 2), (2, 0)] {
@@ -81,7 +83,7 @@ fn nearest_rotation(axes: Mat3, lengths: Vec3) -> Result<na::UnitQuaternion<f64>
         if cosine.abs() > SQUARE_COSINE {
             let degrees = cosine.clamp(-1.0, 1.0).acos().to_degrees();
             return Err(Error::argument(format!(
-                "the voxel axes {} and {} meet at {degrees:.3}°, not at a right angle: resample the sheared grid first",
+                "the voxel axes {} and {} meet at {degrees:.3}°, not at a right angle",
                 ["x", "y", "z"][a],
                 ["x", "y", "z"][b]
             )));

@@ -1,15 +1,16 @@
 //! Cubic cells from voxels of any spacing.
 //!
-//! Cells start at the low **corner** of the voxel grid (half a spacing below the centre of voxel 0) and cover it. Along each
-//! axis a cell overlaps a run of voxels by known lengths, so the volume of any overlap is a product of three numbers that
-//! are computed once per axis; then one sweep over the cells counts votes.
+//! Cells start at the low **corner** of the voxel grid (half a spacing below the centre of voxel 0) and cover
+//! it. Along each axis a cell overlaps a run of voxels by known lengths, so the volume of any overlap is a
+//! product of three numbers that are computed once per axis; then one sweep over the cells counts votes.
 
 use super::grid::{LabelGrid, ResampleRule, voxel_count};
 use super::placement::Placement;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 
-/// Lengths below this part of a voxel or cell are rounding of the file's spacing: they neither add a cell nor a vote.
+/// Lengths below this part of a voxel or cell are rounding of the file's spacing: they neither add a cell nor
+/// a vote.
 const SLIVER: f64 = 1e-3;
 
 /// Parts of a cell that differ by less than this share of its volume are equal.
@@ -18,9 +19,9 @@ const TIE: f64 = 1e-4;
 impl LabelGrid {
     /// The same anatomy in cubic cells of edge `cell_m` (metres), coarser or finer than the voxels.
     ///
-    /// Cell (0, 0, 0) and voxel (0, 0, 0) share their lowest corner, and as many cells follow along each axis as it takes to
-    /// cover the grid (a rest thinner than a thousandth of a cell is dropped). The result is again a grid with its frame at the
-    /// *centre* of its first voxel.
+    /// Cell (0, 0, 0) and voxel (0, 0, 0) share their lowest corner, and as many cells follow along each axis
+    /// as it takes to cover the grid (a rest thinner than a thousandth of a cell is dropped). The result is
+    /// again a grid with its frame at the *centre* of its first voxel.
     pub fn resample(&self, cell_m: f64, rule: ResampleRule) -> Result<LabelGrid> {
         if !(1e-6..=1.0).contains(&cell_m) {
             return Err(Error::argument(format!("a cell of {cell_m} m is not between 1e-6 m and 1 m")));
@@ -136,51 +137,60 @@ impl Overlaps {
 
 /// The shares of the labels in one cell.
 struct Votes {
-    /// Share of each label `[65536]`; 0 for labels that are not in `seen`.
+    /// The label that was added last; neighbours are mostly equal, so it is kept at hand.
+    label: u16,
+    /// Its share so far.
+    share: f64,
+    /// Shares of labels seen before it `[65536]`; 0 for labels that are not in `seen`.
     share_of: Vec<f64>,
-    /// Labels that have a share.
+    /// Labels that have an entry in `share_of`.
     seen: Vec<u16>,
-    /// Sum of all shares.
-    total: f64,
 }
 
 impl Votes {
     fn new() -> Self {
-        Self { share_of: vec![0.0; 1 << 16], seen: Vec::new(), total: 0.0 }
+        Self { label: 0, share: 0.0, share_of: vec![0.0; 1 << 16], seen: Vec::new() }
     }
 
-    fn add(&mut self, label: u16, share: f64) {
-        let entry = &mut self.share_of[usize::from(label)];
-        if *entry == 0.0 && share > 0.0 {
-            self.seen.push(label);
-        }
-        *entry += share;
-        self.total += share;
-    }
-
-    /// Adds a row of voxels; equal neighbours, which are most, go in together.
     fn add_row(&mut self, labels: &[u16], parts: &[f64], area: f64) {
-        let mut run = 0.0;
-        for (n, &part) in parts.iter().enumerate() {
-            run += part;
-            if labels.get(n + 1) != Some(&labels[n]) {
-                self.add(labels[n], run * area);
-                run = 0.0;
+        for (&label, &part) in labels.iter().zip(parts) {
+            if label != self.label {
+                self.set_aside();
+                self.label = label;
             }
+            self.share += part * area;
+        }
+    }
+
+    /// Moves the label at hand to the others.
+    fn set_aside(&mut self) {
+        if self.share > 0.0 {
+            let entry = &mut self.share_of[usize::from(self.label)];
+            if *entry == 0.0 {
+                self.seen.push(self.label);
+            }
+            *entry += self.share;
+            self.share = 0.0;
         }
     }
 
     /// The winner, space outside the grid voting for label 0. Leaves no votes.
     fn elect(&mut self) -> u16 {
-        self.add(0, (1.0 - self.total).max(0.0));
+        if self.seen.is_empty() && self.share > 0.5 + TIE {
+            self.share = 0.0;
+            return self.label;
+        }
+        self.set_aside();
+        let outside = 1.0 - self.seen.iter().map(|&l| self.share_of[usize::from(l)]).sum::<f64>();
+        (self.label, self.share) = (0, outside.max(0.0));
+        self.set_aside();
+
         let most = self.seen.iter().map(|&l| self.share_of[usize::from(l)]).fold(0.0, f64::max);
         let tied = self.seen.iter().filter(|&&l| self.share_of[usize::from(l)] >= most - TIE);
         let winner = tied.min().copied().unwrap_or(0);
-
         for label in self.seen.drain(..) {
             self.share_of[usize::from(label)] = 0.0;
         }
-        self.total = 0.0;
         winner
     }
 }
@@ -246,9 +256,11 @@ mod tests {
 
     #[test]
     fn majority_weighs_parts_of_voxels_by_volume() {
-        // Cells of 1.5 voxels: [0, 1.5) holds 1 of label 5 and 0.5 of label 3; [1.5, 3) holds 0.5 of 3 and 1 of 4.
+        // Cells of 1.5 voxels: [0, 1.5) holds 1 of label 5 and 0.5 of label 3; [1.5, 3) holds 0.5 of 3 and 1
+        // of 4.
         let cells = row(&[5, 3, 4]).resample(1.5e-3, ResampleRule::Majority).unwrap();
-        // The row is 1 mm thick, so a third of each cell lies outside along y and z: 1 − 4/9 of it votes for 0.
+        // The row is 1 mm thick, so a third of each cell lies outside along y and z: 1 − 4/9 of it votes for
+        // 0.
         assert_eq!((cells.dims(), cells.labels()), ([2, 1, 1], &[0, 0][..]));
 
         let mut slab = Vec::new();
@@ -259,7 +271,8 @@ mod tests {
 
     #[test]
     fn majority_agrees_with_counting_fine_samples() {
-        // Each cell is cut into 4³ points, far from every voxel boundary of these ratios; the counts are exact volumes.
+        // Each cell is cut into 4³ points, far from every voxel boundary of these ratios; the counts are
+        // exact volumes.
         let spacing = Vec3::new(1.0e-3, 0.5e-3, 2.0e-3);
         let grid = pattern([9, 14, 5], spacing);
         let cell = 2.0e-3;

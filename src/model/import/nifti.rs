@@ -1,7 +1,8 @@
 //! NIfTI-1 in one file.
 //!
-//! The place of the voxels comes from the sform where the file has one, else from the qform, else from the spacing alone
-//! with the first voxel at the origin. Lengths are in the header's unit; millimetres where it names none.
+//! The place of the voxels comes from the sform where the file has one, else from the qform, else from the
+//! spacing alone with the first voxel at the origin. Lengths are in the header's unit; millimetres where it
+//! names none.
 
 use nalgebra as na;
 use nifti::{Endianness, NiftiHeader};
@@ -131,7 +132,8 @@ fn affine(header: &NiftiHeader, source: &Source) -> Result<Affine> {
     Ok(affine * unit_m)
 }
 
-/// The rotation of the qform: three parts of a unit quaternion are stored, the real part is what is missing to length 1.
+/// The rotation of the qform: three parts of a unit quaternion are stored, the real part is what is missing
+/// to length 1.
 fn rotation(header: &NiftiHeader) -> Mat3 {
     let parts = Vec3::from([header.quatern_b, header.quatern_c, header.quatern_d].map(f64::from));
     let real = (1.0 - parts.norm_squared()).max(0.0).sqrt();

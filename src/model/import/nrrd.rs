@@ -1,8 +1,8 @@
 //! NRRD with its voxels in the same file; encodings raw, gzip and text.
 //!
-//! Three axes must be spatial (those with a space direction, else the first three) and every other axis of length 1. The
-//! place of the voxels comes from space directions and origin; without them, from the spacings, with the first voxel at the
-//! origin. Lengths are in the file's unit; millimetres where it names none.
+//! Three axes must be spatial (those with a space direction, else the first three) and every other axis of
+//! length 1. The place of the voxels comes from space directions and origin; without them, from the spacings,
+//! with the first voxel at the origin. Lengths are in the file's unit; millimetres where it names none.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
@@ -56,7 +56,8 @@ fn binary(scalar: Scalar, fields: &Fields, source: &Source) -> Result<Encoding> 
     Ok(Encoding::Binary { scalar, is_big_endian })
 }
 
-/// The fields of a header by name, in lower case and without spaces, since both `data file` and `datafile` are in use.
+/// The fields of a header by name, in lower case and without spaces, since both `data file` and `datafile`
+/// are in use.
 struct Fields(BTreeMap<String, String>);
 
 impl Fields {
@@ -138,14 +139,12 @@ impl Axes {
             }
             None => (0..count.min(3)).collect(),
         };
-        let is_volume = spatial.len() == 3 && (0..count).all(|a| spatial.contains(&a) || lengths[a] == 1);
-        let Ok(spatial) =
-            <[usize; 3]>::try_from(spatial).map_err(|_| ()).and_then(|s| is_volume.then_some(s).ok_or(()))
-        else {
-            return Err(
-                source.unsupported(&format!("an array of {lengths:?} with other than three spatial axes"))
-            );
-        };
+        let not_a_volume =
+            || source.unsupported(&format!("an array of {lengths:?} without exactly three spatial axes"));
+        let spatial: [usize; 3] = spatial.try_into().map_err(|_| not_a_volume())?;
+        if (0..count).any(|a| lengths[a] != 1 && !spatial.contains(&a)) {
+            return Err(not_a_volume());
+        }
 
         if let Some(kinds) = fields.get("kinds") {
             let kinds: Vec<&str> = kinds.split_whitespace().collect();

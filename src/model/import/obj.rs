@@ -1,4 +1,5 @@
-//! Wavefront OBJ: vertices, texture coordinates and polygons. Materials, groups, normals, lines and curves are passed over.
+//! Wavefront OBJ: vertices, texture coordinates and polygons. Materials, groups, normals, lines and curves
+//! are passed over.
 
 use std::collections::HashMap;
 
@@ -87,7 +88,8 @@ impl Reader {
         self.split_at_seams()
     }
 
-    /// Gives every vertex one texture coordinate, (0, 0) where the file has none, and repeats vertices that have several.
+    /// Gives every vertex one texture coordinate, (0, 0) where the file has none, and repeats vertices that
+    /// have several.
     fn split_at_seams(mut self) -> Result<TriangleMesh, String> {
         let mut uv_of: Vec<Option<u32>> = vec![None; self.positions.len()];
         let mut repeated: HashMap<(u32, u32), u32> = HashMap::new();
@@ -124,7 +126,8 @@ fn floats<'a, const N: usize>(mut words: impl Iterator<Item = &'a str>) -> Resul
     Ok(values)
 }
 
-/// An index counted from 1, or backwards from the `count` things defined so far when negative, as one counted from 0.
+/// An index counted from 1, or backwards from the `count` things defined so far when negative, as one counted
+/// from 0.
 fn index(word: &str, count: usize) -> Result<u32, String> {
     let written: i64 = word.parse().map_err(|_| format!("'{word}' is not an index"))?;
     let index = if written < 0 { (count as i64).checked_add(written) } else { written.checked_sub(1) };

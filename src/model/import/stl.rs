@@ -1,7 +1,7 @@
 //! STL, text and binary.
 //!
-//! A file whose length is exactly what its binary triangle count asks for is binary, even if it starts with "solid", as some
-//! writers have it. A text may hold several solids; they become one mesh.
+//! A file whose length is exactly what its binary triangle count asks for is binary, even if it starts with
+//! "solid", as some writers have it. A text may hold several solids; they become one mesh.
 
 use std::collections::HashMap;
 use std::io::Cursor;

@@ -98,7 +98,8 @@ impl Scalar {
         }
     }
 
-    /// Replaces `values` by the numbers in `bytes`. Integers beyond 2⁵³ lose digits; no label and no scan has any.
+    /// Replaces `values` by the numbers in `bytes`. Integers beyond 2⁵³ lose digits; no label and no scan has
+    /// any.
     fn decode(self, bytes: &[u8], is_big_endian: bool, values: &mut Vec<f64>) {
         let big = is_big_endian;
         match self {
@@ -245,7 +246,8 @@ impl Volume {
         token.parse().map_err(|_| self.source.refuse(format!("'{token}' is not a number")))
     }
 
-    /// Reads to the end of the stream, where gzip keeps its checksum, and refuses voxels that the header does not name.
+    /// Reads to the end of the stream, where gzip keeps its checksum, and refuses voxels that the header does
+    /// not name.
     fn expect_end(&mut self) -> Result<()> {
         let Source { what, reader, .. } = &mut self.source;
         loop {

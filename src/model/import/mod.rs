@@ -14,9 +14,9 @@
 //!
 //! **Who parses what.** NIfTI headers come from the crate `nifti` and PLY from `ply-rs-bw`, STL triangles
 //! from `stl_io`. The voxels of NIfTI are read here, by the code that NRRD needs as well, because the crate
-//! allocates what a header promises. NRRD and OBJ are parsed here: no crate for NRRD is published, and the
-//! OBJ crate `tobj` overflows on far out-of-range texture indices, turns polylines into faces and loses track
-//! of texture coordinates that only some corners have.
+//! allocates what a header promises. NRRD and OBJ are parsed here: we know of no published crate for NRRD,
+//! and the OBJ crate `tobj` overflows on far out-of-range texture indices, turns polylines into faces and
+//! loses track of texture coordinates that only some corners have.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, ErrorKind, Read};

@@ -3,10 +3,14 @@
 pub mod build;
 pub mod energy;
 pub mod grid;
+pub mod import;
+pub mod intensity;
 pub mod lattice;
 pub mod law;
 pub mod material;
 pub mod mesh;
+mod placement;
+mod resample;
 pub mod surface;
 
 pub use build::{Build, Fix, LabelUse, Model, SurfaceSource};

@@ -7,6 +7,7 @@ pub mod grid;
 pub mod lattice;
 pub mod material;
 pub mod mesh;
+pub mod phantom;
 pub mod surface;
 
 pub use build::{Build, Fix, LabelUse, Model, SurfaceSource};

@@ -1,9 +1,9 @@
 //! Binding: which nodes carry a surface vertex, and with which weights.
 //!
-//! A vertex belongs to one *host* cell, the one that contains it or else the nearest one, and hangs on the eight corners of
-//! that cell with trilinear weights. Outside the cell the same formula extrapolates: weights may then be negative, but they
-//! still sum to one and still reproduce the vertex's position, so a rigid or linear motion of the tissue moves the vertex
-//! exactly. Nothing is clamped.
+//! A vertex belongs to one *host* cell, the one that contains it or else the nearest one, and hangs on the
+//! eight corners of that cell with trilinear weights. Outside the cell the same formula extrapolates: weights
+//! may then be negative, but they still sum to one and still reproduce the vertex's position, so a rigid or
+//! linear motion of the tissue moves the vertex exactly. Nothing is clamped.
 
 use nalgebra as na;
 
@@ -12,8 +12,8 @@ use super::surface::{ROW, Row};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 
-/// How far a vertex may lie from the tissue that carries it, in cells. Extrapolation over more than a few cells would swing the
-/// vertex about, and a mesh so far away was rarely meant for this tissue.
+/// How far a vertex may lie from the tissue that carries it, in cells. Extrapolation over more than a few
+/// cells would swing the vertex about, and a mesh so far away was rarely meant for this tissue.
 pub const HOST_REACH_CELLS: i64 = 3;
 
 /// What binding needs to know of a lattice.
@@ -48,8 +48,8 @@ impl CellSpace for Lattice {
 
 /// Rows and material indices `[vertex_count]` for vertices at `positions` (model frame, metres).
 ///
-/// Cells for which `is_preferred` holds are taken as hosts before others, wherever one lies within reach. Fails when a vertex lies
-/// more than [`HOST_REACH_CELLS`] cells from all tissue.
+/// Cells for which `is_preferred` holds are taken as hosts before others, wherever one lies within reach.
+/// Fails when a vertex lies more than [`HOST_REACH_CELLS`] cells from all tissue.
 pub(crate) fn bind<S: CellSpace>(
     positions: &[Vec3],
     space: &S,
@@ -69,8 +69,8 @@ pub(crate) fn bind<S: CellSpace>(
     Ok((rows, materials))
 }
 
-/// The occupied cell nearest to a point (given in cells), none beyond [`HOST_REACH_CELLS`]. Of equally near ones it is the
-/// one in the innermost ring around the point, there the lowest.
+/// The occupied cell nearest to a point (given in cells), none beyond [`HOST_REACH_CELLS`]. Of equally near
+/// ones it is the one in the innermost ring around the point, there the lowest.
 fn nearest_cell<S: CellSpace>(
     space: &S,
     point: &Vec3,
@@ -167,8 +167,8 @@ fn too_far<S: CellSpace>(space: &S, vertex: usize, position: &Vec3) -> Error {
         return Error::argument("a surface needs tissue to hang on, but every cell is empty");
     }
     Error::argument(format!(
-        "vertex {vertex} of the mesh lies {:.4} m from the nearest tissue, more than {HOST_REACH_CELLS} cells of {h} m: \
-         is the mesh in the same place and in metres?",
+        "vertex {vertex} of the mesh lies {:.4} m from the nearest tissue, more than {HOST_REACH_CELLS} \
+         cells of {h} m: is the mesh in the same place and in metres?",
         nearest * h
     ))
 }

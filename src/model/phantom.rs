@@ -1,16 +1,17 @@
 //! A generated thorax: the anatomy that a simulation starts with when its host has no scan.
 //!
-//! The phantom is anatomy-inspired, not a patient: a torso of 0.30 × 0.20 × 0.24 m from the base of the neck to the upper
-//! abdomen, with skin, fat, muscle, ribs, sternum, spine, lungs with airways and vessels, heart, aorta, diaphragm, liver,
-//! stomach (drawn as muscle), spleen and a tumour in the right lung. It is the same at every voxel size, because every label
-//! comes from the distance to analytic shapes; what is thinner than a voxel appears where a voxel's centre falls into it.
+//! The phantom is anatomy-inspired, not a patient: a torso of 0.30 × 0.20 × 0.24 m from the base of the neck
+//! to the upper abdomen, with skin, fat, muscle, ribs, sternum, spine, lungs with airways and vessels, heart,
+//! aorta, diaphragm, liver, stomach (drawn as muscle), spleen and a tumour in the right lung. It is the same
+//! at every voxel size, because every label comes from the distance to analytic shapes; what is thinner than
+//! a voxel appears where a voxel's centre falls into it.
 //!
-//! **Axes.** x points to the patient's right, y to the front (anterior), z to the head (superior), which is right-handed.
-//! The world origin is the middle of the torso.
+//! **Axes.** x points to the patient's right, y to the front (anterior), z to the head (superior), which is
+//! right-handed. The world origin is the middle of the torso.
 //!
-//! **Where to press.** Costal cartilage is left out, so that beside the body of the sternum there is soft tissue about 30 mm
-//! wide on each side, besides the gaps between ribs; the tumour lies behind the right one. Below the costal arch, within
-//! 40 mm of the middle and from z = −0.045 m downwards, the front is soft too.
+//! **Where to press.** Costal cartilage is left out, so that beside the body of the sternum there is soft
+//! tissue about 30 mm wide on each side, besides the gaps between ribs; the tumour lies behind the right one.
+//! Below the costal arch, within 40 mm of the middle and from z = −0.045 m downwards, the front is soft too.
 
 use std::collections::BTreeMap;
 
@@ -165,7 +166,8 @@ struct Canvas {
 }
 
 impl Canvas {
-    /// Labels the voxels around `centre` (as far as `reach` along each axis) that are inside and now carry one of `over`.
+    /// Labels the voxels around `centre` (as far as `reach` along each axis) that are inside and now carry
+    /// one of `over`.
     fn draw(
         &mut self,
         centre: &Vec3,
@@ -203,7 +205,7 @@ fn draw_vessels(canvas: &mut Canvas) {
     for branch in tree::pulmonary_arteries() {
         canvas.draw_tube(&branch, branch.radius, Label::Vessel, &[Label::Lung, Label::Fat]);
     }
-    let around_aorta = [Label::Lung, Label::Fat, Label::Muscle, Label::Vessel];
+    let around_aorta = [Label::Lung, Label::Fat, Label::Muscle, Label::Vessel, Label::Liver];
     for branch in tree::aorta() {
         canvas.draw_tube(&branch, branch.radius, Label::Aorta, &around_aorta);
     }
@@ -259,7 +261,8 @@ mod tests {
         (0..ny).rev().map(|j| grid.label(i.round() as usize, j, k.round() as usize)).collect()
     }
 
-    /// How many voxels with one of `labels` are joined, through faces, edges and corners, to the first one met from the top.
+    /// How many voxels with one of `labels` are joined, through faces, edges and corners, to the first one
+    /// met from the top.
     fn joined_count(grid: &LabelGrid, labels: &[Label]) -> usize {
         let dims = grid.dims();
         let index = |[i, j, k]: [usize; 3]| i + dims[0] * (j + dims[1] * k);

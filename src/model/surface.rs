@@ -28,8 +28,8 @@ pub struct Row {
 pub struct Surface {
     /// Rest positions `[vertex_count]`, model frame, metres.
     pub positions: Vec<Vec3>,
-    /// Vertex indices `[triangle_count]`, counter-clockwise seen from outside. A host's mesh keeps all its triangles, those
-    /// without area too.
+    /// Vertex indices `[triangle_count]`, counter-clockwise seen from outside. A host's mesh keeps all its
+    /// triangles, those without area too.
     pub triangles: Vec<[u32; 3]>,
     /// Texture coordinates `[vertex_count]`.
     pub uvs: Vec<[f32; 2]>,
@@ -39,13 +39,14 @@ pub struct Surface {
     pub rows: Vec<Row>,
     /// Where each vertex's part of `triangle_of` starts `[vertex_count + 1]`.
     pub triangle_starts: Vec<u32>,
-    /// The triangles at each vertex, ascending `[3 × triangle_count]`: normals are gathered over them, in this order.
+    /// The triangles at each vertex, ascending `[3 × triangle_count]`: normals are gathered over them, in
+    /// this order.
     pub triangle_of: Vec<u32>,
 }
 
 impl Surface {
-    /// Binds a mesh to the tissue. The mesh is in the **model frame**; its texture coordinates are kept, or made by
-    /// [`mirrored_cylinder`] when it has none.
+    /// Binds a mesh to the tissue. The mesh is in the **model frame**; its texture coordinates are kept, or
+    /// made by [`mirrored_cylinder`] when it has none.
     ///
     /// Fails when the mesh is not sound (see [`TriangleMesh::check`]) or a vertex lies more than
     /// [`HOST_REACH_CELLS`](super::binding::HOST_REACH_CELLS) cells from all tissue.
@@ -55,9 +56,9 @@ impl Surface {
 
     /// The smoothed boundary of all cells whose label is in a set, bound to the tissue.
     ///
-    /// `labels` are those of the lattice's cells `[cells.x × cells.y × cells.z]`, x fastest. Vertices hang on cells of the
-    /// set, so that an organ's surface moves with the organ and not with what lies against it; where the set is empty
-    /// space, such as an airway's lumen, they hang on the nearest tissue.
+    /// `labels` are those of the lattice's cells `[cells.x × cells.y × cells.z]`, x fastest. Vertices hang on
+    /// cells of the set, so that an organ's surface moves with the organ and not with what lies against it;
+    /// where the set is empty space, such as an airway's lumen, they hang on the nearest tissue.
     pub fn from_labels(labels: &[u16], is_in_set: impl Fn(u16) -> bool, lattice: &Lattice) -> Result<Self> {
         Self::from_cells(labels, is_in_set, lattice)
     }
@@ -93,8 +94,9 @@ impl Surface {
         &self.triangle_of[self.triangle_starts[vertex] as usize..self.triangle_starts[vertex + 1] as usize]
     }
 
-    /// The unit normal at a vertex, its triangles weighted by their areas, when the vertices are at `positions`
-    /// `[vertex_count]`. A vertex without triangles, or whose triangles have no area or cancel, gets +z.
+    /// The unit normal at a vertex, its triangles weighted by their areas, when the vertices are at
+    /// `positions` `[vertex_count]`. A vertex without triangles, or whose triangles have no area or cancel,
+    /// gets +z.
     pub fn vertex_normal(&self, vertex: usize, positions: &[Vec3]) -> Vec3 {
         let mut sum = Vec3::zeros();
         for &triangle in self.triangles_at(vertex) {
@@ -111,8 +113,9 @@ impl Surface {
     }
 }
 
-/// The triangles at each vertex in compressed rows: starts `[vertex_count + 1]` and triangles `[3 × triangle_count]`, ascending
-/// in each row. A triangle that names a vertex twice stands twice in its row; it has no area, so that changes no normal.
+/// The triangles at each vertex in compressed rows: starts `[vertex_count + 1]` and triangles `[3 ×
+/// triangle_count]`, ascending in each row. A triangle that names a vertex twice stands twice in its row; it
+/// has no area, so that changes no normal.
 fn triangles_by_vertex(vertex_count: usize, triangles: &[[u32; 3]]) -> Result<(Vec<u32>, Vec<u32>)> {
     if triangles.len() > (u32::MAX / 3) as usize {
         return Err(Error::Limit(format!("a mesh of {} triangles is too large", triangles.len())));
@@ -137,11 +140,12 @@ fn triangles_by_vertex(vertex_count: usize, triangles: &[[u32; 3]]) -> Result<(V
     Ok((starts, triangle_of))
 }
 
-/// Texture coordinates without a seam, in metres: a cylinder around the z axis through the middle of the bounding box.
+/// Texture coordinates without a seam, in metres: a cylinder around the z axis through the middle of the
+/// bounding box.
 ///
-/// u is the angle from the +y direction times the mean distance from the axis, the same on the left and on the right, so that it
-/// never jumps; v is z. A texture is therefore mirrored at the plane x = middle, and smeared where a surface is
-/// perpendicular to z.
+/// u is the angle from the +y direction times the mean distance from the axis, the same on the left and on
+/// the right, so that it never jumps; v is z. A texture is therefore mirrored at the plane x = middle, and
+/// smeared where a surface is perpendicular to z.
 pub fn mirrored_cylinder(positions: &[Vec3]) -> Vec<[f32; 2]> {
     let Some(&first) = positions.first() else { return Vec::new() };
     let low = positions.iter().fold(first, |low, p| low.inf(p));

@@ -1,7 +1,7 @@
 //! The solid parts of the phantom: signed distances in metres (negative inside) to smooth shapes.
 //!
-//! Distances of ellipsoids and their kin are first-order: value over slope. They are exact on the surface and good enough
-//! within the few millimetres where layers are measured.
+//! Distances of ellipsoids and their kin are first-order: value over slope. They are exact on the surface and
+//! good enough within the few millimetres where layers are measured.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,7 +19,8 @@ const WALL_M: f64 = 0.0062;
 /// Height of the first rib at the spine, and distance to the next one; vertebrae follow the same steps.
 const FIRST_RIB_Z: f64 = 0.108;
 const RIB_STEP: f64 = 0.0162;
-/// Where ribs end, as an angle from the spine (0) to the sternum (π): seven reach the front, the last two float.
+/// Where ribs end, as an angle from the spine (0) to the sternum (π): seven reach the front, the last two
+/// float.
 const RIB_ENDS: [f64; 12] = [2.75, 2.75, 2.75, 2.75, 2.75, 2.75, 2.75, 2.55, 2.35, 2.10, 1.60, 1.15];
 
 /// The label at a point, before airways, vessels and the tumour are drawn.
@@ -67,7 +68,8 @@ fn abdomen_at(p: &Vec3, cage: f64, above: f64) -> Label {
     }
     let inside = smooth_max(above + 0.0035, cage + WALL_M, 0.008);
 
-    // The liver's lower face rises from the right flank to the left; its back leaves room for the spine and the great vessels.
+    // The liver's lower face rises from the right flank to the left; its back leaves room for the spine and
+    // the great vessels.
     let lower_face = smooth_max(inside, (-0.080 - 0.30 * p.x - p.z) * 0.96, 0.020);
     let left_lobe = smooth_max(lower_face, -0.062 - p.x, 0.012);
     let back = (p.x - 0.047).max(p.y + 0.028);
@@ -224,7 +226,8 @@ fn ellipsoid(p: &Vec3, centre: &Vec3, radii: &Vec3) -> f64 {
     (value - 1.0) * value / scaled.component_div(radii).norm().max(1e-9)
 }
 
-/// The larger of two distances, rounded where they differ by less than `width`: an intersection with a soft edge.
+/// The larger of two distances, rounded where they differ by less than `width`: an intersection with a soft
+/// edge.
 fn smooth_max(a: f64, b: f64, width: f64) -> f64 {
     let overlap = (width - (a - b).abs()).max(0.0);
     a.max(b) + overlap * overlap / (4.0 * width)
@@ -240,7 +243,8 @@ fn smooth_step(from: f64, to: f64, x: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Points of the surface in which the ribs lie, on one side (1 right, −1 left), with their angle from the spine.
+    /// Points of the surface in which the ribs lie, on one side (1 right, −1 left), with their angle from the
+    /// spine.
     fn rib_surface(side: f64) -> impl Iterator<Item = (f64, Vec3)> {
         let angles = (1..314).map(|n| f64::from(n) * 0.01);
         angles.flat_map(move |angle| {

@@ -1,7 +1,8 @@
 //! The branching parts of the phantom: airways, pulmonary arteries, aorta.
 //!
-//! A tree fills a lung by dividing it: the points of a lung are halved at the place of each branching, and each child grows
-//! towards the middle of its half. Radii follow Murray's law: the cubes of the children's radii add up to their parent's.
+//! A tree fills a lung by dividing it: the points of a lung are halved at the place of each branching, and
+//! each child grows towards the middle of its half. Radii follow Murray's law: the cubes of the children's
+//! radii add up to their parent's.
 
 use super::SIZE_M;
 use super::body::lung_distance;
@@ -49,7 +50,8 @@ pub(super) fn airway_wall(radius: f64) -> f64 {
     (0.28 * radius).max(0.0012)
 }
 
-/// Trachea, main bronchi and five more generations, parents before children. The trachea leaves through the top.
+/// Trachea, main bronchi and five more generations, parents before children. The trachea leaves through the
+/// top.
 pub(super) fn airways() -> Vec<Branch> {
     let carina = Vec3::new(0.004, -0.012, 0.046);
     let mut branches = vec![Branch { start: Vec3::new(0.004, -0.008, 0.130), end: carina, radius: 0.0075 }];

@@ -110,7 +110,7 @@ fn force_is_zero_before_contact_and_rises_with_indentation() {
 #[test]
 fn a_mistake_is_answered_with_a_sentence() {
     let out = tempfile::tempdir().unwrap();
-    let sentence = |more: &[&str]| format!("{:#}", run(out.path(), more).unwrap_err());
+    let sentence = |more: &[&str]| palpation::sentence(&run(out.path(), more).unwrap_err());
     assert!(sentence(&["--radius-mm", "0"]).contains("--radius-mm must be a number above 0"));
     assert!(sentence(&["--at", "900,0,900"]).contains("no tissue"));
     assert!(sentence(&["--labels", "absent.nii.gz"]).contains("absent.nii.gz"));

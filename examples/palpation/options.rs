@@ -42,7 +42,7 @@ pub struct Options {
     #[arg(long, value_name = "MM/S", default_value_t = 40.0)]
     pub speed_mm_s: f64,
 
-    /// A point in the world that the tool's axis goes through; chosen over soft tissue when left out
+    /// A point of the world in mm that the tool's axis goes through; chosen over soft tissue when left out
     #[arg(long, value_name = "X,Y,Z", value_parser = vector, allow_hyphen_values = true)]
     pub at: Option<Vec3>,
 

@@ -136,13 +136,11 @@ fn headline(canvas: &mut Canvas, subject: &Subject, snapshot: &Snapshot, what: &
     canvas.text(&state, [34.0, 76.0], 16.0, Anchor::Start, INK);
 }
 
-/// What the colours mean, at the right of the picture. `materials` are those that can be seen.
-fn legend(canvas: &mut Canvas, model: &Model, tint: Tint, materials: impl Iterator<Item = u8>) {
+/// What the colours mean, at the right of the picture. `seen` says which materials are in it.
+fn legend(canvas: &mut Canvas, model: &Model, tint: Tint, seen: [bool; 16]) {
     let at = [LEGEND_X, 130.0];
     match tint {
         Tint::Material => {
-            let mut seen = [false; 16];
-            materials.for_each(|m| seen[usize::from(m) % 16] = true);
             let named = model.materials().iter().enumerate().filter(|(index, _)| seen[index + 1]);
             let entries: Vec<(String, Colour)> =
                 named.map(|(index, m)| (m.name.clone(), material_colour(model, index as u8 + 1))).collect();

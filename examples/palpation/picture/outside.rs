@@ -5,7 +5,7 @@ use palpate::math::Vec3;
 use super::super::snapshot::Snapshot;
 use super::camera::{Camera, Window};
 use super::canvas::{Anchor, Canvas, INK};
-use super::colour::{Colour, FORCE, of_quantity};
+use super::colour::{Colour, FORCE, of_quantity, to_srgb};
 use super::light::Light;
 use super::raster::{Kind, Mesh, Plane, Raster, Vertex};
 use super::slice::Slice;
@@ -24,12 +24,12 @@ const GAP_M: f64 = 0.02;
 pub fn whole(subject: &Subject, snapshot: &Snapshot, tint: Tint) -> anyhow::Result<Canvas> {
     let lying = Lying::new(subject.direction);
     let view = lying.side * 0.75 + lying.up * 0.62 - lying.head * 0.42;
-    let mut canvas = picture(subject, snapshot, skin(subject, snapshot, tint), None, view)?;
+    let (mut canvas, seen) = picture(subject, snapshot, skin(subject, snapshot, tint), None, view)?;
 
     let what =
         if tint == Tint::Material { "From outside, by tissue" } else { "From outside, by displacement" };
     headline(&mut canvas, subject, snapshot, what);
-    legend(&mut canvas, subject.model, tint, snapshot.materials.iter().copied());
+    legend(&mut canvas, subject.model, tint, seen);
     Ok(canvas)
 }
 
@@ -51,10 +51,9 @@ pub fn cut_open(subject: &Subject, slice: &Slice) -> anyhow::Result<Canvas> {
     }
     let mut meshes = skin(subject, snapshot, Tint::Material);
     meshes.push(mesh);
-    let mut canvas = picture(subject, snapshot, meshes, Some(slice.plane), view)?;
+    let (mut canvas, seen) = picture(subject, snapshot, meshes, Some(slice.plane), view)?;
 
     headline(&mut canvas, subject, snapshot, "Cut open at the tool, by tissue");
-    let seen = snapshot.materials.iter().copied().chain(slice.materials());
     legend(&mut canvas, subject.model, Tint::Material, seen);
     Ok(canvas)
 }
@@ -72,40 +71,29 @@ fn skin(subject: &Subject, snapshot: &Snapshot, tint: Tint) -> Vec<Mesh> {
     vec![Mesh { kind: Kind::Tissue, vertices, triangles: snapshot.triangles.clone(), has_shadow: true }]
 }
 
+/// The picture without its headline, and which materials can be seen in it.
 fn picture(
     subject: &Subject,
     snapshot: &Snapshot,
     mut meshes: Vec<Mesh>,
     cut: Option<Plane>,
     view: Vec3,
-) -> anyhow::Result<Canvas> {
+) -> anyhow::Result<(Canvas, [bool; 16])> {
     let lying = Lying::new(subject.direction);
     let body = Body::new(&subject.before.positions, &lying);
-
-    // All pictures of a press have the same camera: it sees the body, and the tool where it starts.
-    let rear = |s: &Snapshot, beyond: f64| {
-        s.tool.translation.vector - subject.direction * (subject.tool.rear_m + beyond)
-    };
-    let is_kept = |p: &&Vec3| cut.is_none_or(|plane| plane.distance(**p) <= 0.01);
-    let mut points: Vec<Vec3> = subject.before.positions.iter().filter(is_kept).copied().collect();
-    points.extend([rear(subject.before, 0.0), rear(subject.pressed, 1.15 * ARROW_M)]);
-    let piece_m = round_length(0.05 * body.size_m);
-    let length_m = piece_m * f64::from(PIECES);
-    let (scale_from, scale_along) = body.scale(&lying, cut, length_m);
-    points.extend([scale_from, scale_from + scale_along * length_m]);
+    let scale = Scale::new(&body, &lying, cut);
+    let points = points_to_see(subject, &scale, cut);
     let window = Window { left: 40.0, top: 190.0, width: 2260.0, height: 1540.0 };
     let camera = Camera::perspective(view, lying.up, &points, window);
 
     // Solids.
-    meshes.extend(solid::tool(&subject.tool.desc, &snapshot.tool));
     let force_n = snapshot.wrench.force_n;
-    let arrow_end = (force_n.norm() > 1e-6).then(|| {
-        let (from, along) = (rear(snapshot, 0.004), force_n.normalize() * ARROW_M);
-        meshes.push(solid::arrow(from, along, 0.0022, FORCE));
-        from + along
-    });
+    let arrow =
+        (force_n.norm() > 1e-6).then(|| (rear(subject, snapshot, 0.004), force_n.normalize() * ARROW_M));
+    meshes.extend(solid::tool(&subject.tool.desc, &snapshot.tool));
+    meshes.extend(arrow.map(|(from, along)| solid::arrow(from, along, 0.0022, FORCE)));
     meshes.push(solid::floor(body.floor_centre, lying.up, 1.1 * body.size_m));
-    meshes.push(solid::scale(scale_from, scale_along, lying.up, piece_m, PIECES));
+    meshes.push(solid::scale(scale.from, scale.along, lying.up, scale.piece_m, PIECES));
 
     // Light and pixels.
     let mut raster = Raster::new(2 * WIDTH, 2 * HEIGHT);
@@ -118,20 +106,42 @@ fn picture(
         let [x, y, _] = camera.project(point);
         [x as f32 / 2.0, y as f32 / 2.0]
     };
-    if let Some(end) = arrow_end {
-        let [x, y] = place(end);
-        let ink = FORCE.map(super::colour::to_srgb);
-        canvas.text(
-            &format!("{:.2} N on the tool", force_n.norm()),
-            [x + 16.0, y + 14.0],
-            18.0,
-            Anchor::Start,
-            ink,
-        );
+    if let Some((from, along)) = arrow {
+        let ([x, y], ink) = (place(from + along), FORCE.map(to_srgb));
+        let text = format!("{:.2} N on the tool", force_n.norm());
+        canvas.text(&text, [x + 16.0, y + 14.0], 18.0, Anchor::Start, ink);
     }
-    let [x, y] = place(scale_from + scale_along * (0.5 * length_m));
-    canvas.text(&millimetres(length_m), [x, y + 28.0], 15.0, Anchor::Middle, INK);
-    Ok(canvas)
+    let [x, y] = place(scale.from + scale.along * (0.5 * scale.length_m()));
+    canvas.text(&millimetres(scale.length_m()), [x, y + 28.0], 15.0, Anchor::Middle, INK);
+    Ok((canvas, seen_materials(&raster, subject)))
+}
+
+/// The rear end of the tool, or a point behind it.
+fn rear(subject: &Subject, snapshot: &Snapshot, beyond_m: f64) -> Vec3 {
+    snapshot.tool.translation.vector - subject.direction * (subject.tool.rear_m + beyond_m)
+}
+
+/// What the camera has to see: the body, the scale, and the tool where it starts. The same for all moments of a press, so that
+/// pictures can be compared.
+fn points_to_see(subject: &Subject, scale: &Scale, cut: Option<Plane>) -> Vec<Vec3> {
+    let is_kept = |p: &&Vec3| cut.is_none_or(|plane| plane.distance(**p) <= 0.01);
+    let mut points: Vec<Vec3> = subject.before.positions.iter().filter(is_kept).copied().collect();
+    points.extend([rear(subject, subject.before, 0.0), rear(subject, subject.pressed, 1.15 * ARROW_M)]);
+    points.extend([scale.from, scale.from + scale.along * scale.length_m()]);
+    points
+}
+
+/// Materials whose pure colour is on the picture.
+fn seen_materials(raster: &Raster, subject: &Subject) -> [bool; 16] {
+    let palette: [Colour; 16] = std::array::from_fn(|m| material_colour(subject.model, m as u8));
+    let mut seen = [false; 16];
+    for pixel in raster.pixels.iter().filter(|pixel| matches!(pixel.kind, Kind::Tissue | Kind::Cut)) {
+        let is_near = |colour: &Colour| (0..3).all(|c| (colour[c] - pixel.colour[c]).abs() < 1e-4);
+        if let Some(material) = palette.iter().position(is_near) {
+            seen[material] = true;
+        }
+    }
+    seen
 }
 
 /// The extent of a body.
@@ -150,17 +160,32 @@ impl Body {
         let drop = (high - low).component_mul(&lying.up).abs().sum() / 2.0 + 0.0005;
         Self { low, high, size_m: (high - low).norm(), floor_centre: middle - lying.up * drop }
     }
+}
 
-    /// Where a scale of `length_m` starts and where it goes: on the floor, along the body or along the cut.
-    fn scale(&self, lying: &Lying, cut: Option<Plane>, length_m: f64) -> (Vec3, Vec3) {
-        let beside =
-            lying.side * ((self.high - self.low).component_mul(&lying.side).abs().sum() / 2.0 + GAP_M);
-        match cut {
-            None => (self.floor_centre + beside + lying.head * (0.5 * length_m), -lying.head),
+/// A scale on the floor.
+struct Scale {
+    from: Vec3,
+    along: Vec3,
+    piece_m: f64,
+}
+
+impl Scale {
+    /// Along the body, or along the cut.
+    fn new(body: &Body, lying: &Lying, cut: Option<Plane>) -> Self {
+        let piece_m = round_length(0.05 * body.size_m);
+        let half_m = 0.5 * piece_m * f64::from(PIECES);
+        let half_width_m = (body.high - body.low).component_mul(&lying.side).abs().sum() / 2.0;
+        let (middle, along) = match cut {
+            None => (body.floor_centre + lying.side * (half_width_m + GAP_M), -lying.head),
             Some(plane) => {
-                let below_cut = self.floor_centre - plane.normal * plane.distance(self.floor_centre);
-                (below_cut + plane.normal * GAP_M + lying.side * (0.5 * length_m), -lying.side)
+                let below_cut = body.floor_centre - plane.normal * plane.distance(body.floor_centre);
+                (below_cut + plane.normal * GAP_M, -lying.side)
             }
-        }
+        };
+        Self { from: middle - along * half_m, along, piece_m }
+    }
+
+    fn length_m(&self) -> f64 {
+        self.piece_m * f64::from(PIECES)
     }
 }

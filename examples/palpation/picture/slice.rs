@@ -42,11 +42,6 @@ impl Slice {
         self.cells.iter().map(|cell| cell.strain)
     }
 
-    /// Material of each cut cell.
-    pub fn materials(&self) -> impl Iterator<Item = u8> {
-        self.cells.iter().map(|cell| cell.material)
-    }
-
     /// Corners and their colours.
     pub fn triangles(&self, model: &Model, tint: Tint) -> impl Iterator<Item = ([Vec3; 3], [Colour; 3])> {
         let palette: [Colour; 16] = std::array::from_fn(|m| material_colour(model, m as u8));
@@ -151,7 +146,8 @@ impl Slice {
             Tint::Strain(_) => "Section through the tool, by strain",
         };
         headline(canvas, subject, subject.pressed, what);
-        legend(canvas, subject.model, tint, self.materials());
+        let seen = std::array::from_fn(|m| self.cells.iter().any(|cell| usize::from(cell.material) == m));
+        legend(canvas, subject.model, tint, seen);
 
         let [x, y] = [super::LEGEND_X, 790.0];
         canvas.lines(&[[[x, y], [x + 22.0, y]]], 1.6, [20, 90, 200], 230);

@@ -11,19 +11,20 @@ use palpate::model::{Build, LabelUse, Model, import, phantom};
 
 use super::options::Options;
 
-/// What labels mean in a file when `--material` does not say otherwise: those of a segmented chest.
-const CHEST_LABELS: [(u16, &str); 11] = [
-    (0, "empty"),  // outside, air, gas
-    (1, "lung"),   // parenchyma
-    (2, "vessel"), // vessels and walls in the lung
-    (3, "empty"),  // airway lumen
-    (4, "muscle"), // muscle, liver, myocardium
-    (5, "muscle"), // heart chambers and great vessels, filled
-    (6, "fat"),
-    (7, "vessel"), // aorta
-    (8, "vessel"), // airway wall
-    (9, "rigid"),  // bone
-    (10, "liver"), // spleen and the like
+/// What labels mean in a file when `--material` does not say otherwise: those of a segmented chest. Label, use, and the name in
+/// pictures and tables.
+const CHEST_LABELS: [(u16, &str, &str); 11] = [
+    (0, "empty", "outside"),
+    (1, "lung", "lung"),
+    (2, "vessel", "vessels in the lung"),
+    (3, "empty", "airways"),
+    (4, "muscle", "muscle, liver"),
+    (5, "muscle", "heart, filled vessels"),
+    (6, "fat", "fat"),
+    (7, "vessel", "aorta"),
+    (8, "airway_wall", "airway wall"),
+    (9, "rigid", "bone"),
+    (10, "spleen", "spleen"),
 ];
 
 /// Builds the model that the options ask for. `toward` is the direction of the press in the world: the face of a label map that
@@ -69,14 +70,16 @@ fn held_faces(grid: &LabelGrid, toward: Vec3) -> [bool; 6] {
 
 /// The use of every label in the grid.
 fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, LabelUse>> {
-    let mut words: BTreeMap<u16, &str> = CHEST_LABELS.into_iter().collect();
+    let mut words: BTreeMap<u16, (&str, &str)> =
+        CHEST_LABELS.into_iter().map(|(label, word, name)| (label, (word, name))).collect();
     for choice in choices {
         let Some((label, word)) = choice.split_once('=') else {
             bail!("--material {choice}: LABEL=USE is needed")
         };
-        let label =
-            label.trim().parse().with_context(|| format!("--material {choice}: '{label}' is not a label"))?;
-        words.insert(label, word.trim());
+        let label = label.trim();
+        let number =
+            label.parse().with_context(|| format!("--material {choice}: '{label}' is not a label"))?;
+        words.insert(number, (word.trim(), word.trim()));
     }
 
     let mut is_used = vec![false; usize::from(u16::MAX) + 1];
@@ -84,19 +87,19 @@ fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, La
     let labels = (0..=u16::MAX).filter(|&label| is_used[usize::from(label)]);
     labels
         .map(|label| {
-            let word = words.get(&label);
-            let word = word.with_context(|| {
-                format!("label {label} has no meaning yet: add --material {label}=TISSUE")
-            })?;
-            Ok((label, use_of(word)?))
+            let known = words.get(&label);
+            let (word, name) = known
+                .with_context(|| format!("label {label} has no meaning: add --material {label}=TISSUE"))?;
+            Ok((label, use_of(word, name)?))
         })
         .collect()
 }
 
-fn use_of(word: &str) -> anyhow::Result<LabelUse> {
+fn use_of(word: &str, name: &str) -> anyhow::Result<LabelUse> {
+    let named = |preset: &str| Material::preset(preset).map(|m| Material { name: name.to_owned(), ..m });
     Ok(match word {
         "empty" => LabelUse::Empty,
-        "rigid" => LabelUse::Rigid(Material::preset("bone")?),
-        tissue => LabelUse::Tissue(Material::preset(tissue)?),
+        "rigid" => LabelUse::Rigid(named("bone")?),
+        tissue => LabelUse::Tissue(named(tissue)?),
     })
 }

@@ -8,17 +8,17 @@ pub const STEEL: Colour = [0.30, 0.36, 0.42];
 /// Forces.
 pub const FORCE: Colour = [0.95, 0.20, 0.02];
 
-/// Tissues by a word in their name, with the look that an anatomy atlas gives them, in sRGB.
+/// Tissues by a word in their name, with the look that an anatomy atlas gives them, in sRGB. The first word that fits counts.
 const TISSUES: [(&str, [u8; 3]); 16] = [
-    ("lung", [231, 164, 160]),
-    ("liver", [142, 62, 48]),
     ("fat", [240, 208, 120]),
     ("muscle", [190, 82, 74]),
     ("myocardium", [176, 60, 64]),
     ("heart", [176, 60, 64]),
+    ("liver", [142, 62, 48]),
     ("vessel", [72, 104, 178]),
     ("artery", [204, 40, 48]),
     ("aorta", [204, 40, 48]),
+    ("lung", [231, 164, 160]),
     ("tumour", [108, 148, 70]),
     ("skin", [226, 178, 148]),
     ("brain", [214, 178, 168]),

@@ -22,7 +22,7 @@ pub fn write_csv(rows: &[Row], path: &Path) -> anyhow::Result<()> {
     for row in rows {
         let Row { statistics, energy, .. } = row;
         let [at, force, torque] = [row.pose.translation.vector, row.wrench.force_n, row.wrench.torque_n_m]
-            .map(|v| format!("{},{},{}", v.x, v.y, v.z));
+            .map(|v| format!("{:.6},{:.6},{:.6}", v.x, v.y, v.z));
         writeln!(
             text,
             "{:.6},{:?},{at},{:.4},{force},{torque},{},{},{},{:.3},{:.5},{:.4},{:e},{:e},{:e}",
@@ -47,7 +47,7 @@ pub fn write_csv(rows: &[Row], path: &Path) -> anyhow::Result<()> {
 pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record: &Record) -> Table {
     let lattice = model.lattice();
     let mut table = Table::new();
-    table.load_style(presets::UTF8_HORIZONTAL_ONLY);
+    table.load_style(presets::UTF8_FULL_CONDENSED);
     let mut row = |name: &str, value: String| {
         table.add_row([name.to_owned(), value]);
     };
@@ -57,7 +57,7 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
         options.labels.as_ref().map_or("generated thorax".to_owned(), |path| path.display().to_string());
     row("anatomy", source);
     row("cells, nodes", format!("{}, {}", grouped(lattice.cell_count()), grouped(lattice.node_count())));
-    row("cell size", format!("{} mm", lattice.cell_m() * 1e3));
+    row("cell size", format!("{:.2} mm", lattice.cell_m() * 1e3));
     row("materials", model.materials().iter().map(|m| m.name.as_str()).collect::<Vec<_>>().join(", "));
     let cap = if options.young_cap_kpa > 0.0 {
         format!("{} kPa", options.young_cap_kpa)

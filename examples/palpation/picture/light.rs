@@ -79,7 +79,7 @@ impl Light {
         let shine = (normal.dot(&half).max(0.0) as f32).powi(36) * sun * gloss;
         let rim = (1.0 - normal.dot(&viewer) as f32).powi(3) * open * 0.16;
 
-        let fill = 0.10 * normal.dot(&viewer) as f32;
+        let fill = 0.20 * normal.dot(&viewer) as f32;
         let ambient = mix([0.21, 0.18, 0.16], [0.36, 0.39, 0.43], sky);
         std::array::from_fn(|c| {
             let warm = [0.74, 0.70, 0.65][c] * key;

@@ -1,4 +1,4 @@
-//! A flat section through the tool, across the body, true to scale: the deformed cells, the tool, and where the skin was before.
+//! A flat section through the tool, across the body, true to scale: the deformed cells, the tool, and where its surface was before.
 
 use palpate::math::Vec3;
 use palpate::model::Model;
@@ -67,7 +67,7 @@ impl Slice {
         };
         let mut canvas = self.areas(subject.model, tint, &camera)?;
 
-        // Edges of cells, and the skin before the press.
+        // Edges of cells, and the surface before the press.
         let cell_pixels = subject.model.lattice().cell_m() * camera.pixels_per_metre(1.0) / 2.0;
         if cell_pixels >= EDGE_PIXELS {
             let edges = self.cells.iter().flat_map(|cell| &cell.outline).map(|edge| edge.map(place));
@@ -151,7 +151,7 @@ impl Slice {
 
         let [x, y] = [super::LEGEND_X, 790.0];
         canvas.lines(&[[[x, y], [x + 22.0, y]]], 1.6, [20, 90, 200], 230);
-        canvas.text("skin before", [x + 30.0, y + 5.0], 15.0, Anchor::Start, INK);
+        canvas.text("surface before", [x + 30.0, y + 5.0], 15.0, Anchor::Start, INK);
 
         let length_m = round_length(0.25 * WIDTH as f64 / (camera.pixels_per_metre(1.0) / 2.0) / 1.6);
         let length = (length_m * camera.pixels_per_metre(1.0) / 2.0) as f32;

@@ -1,5 +1,6 @@
 //! palpate: soft tissue that can be seen, touched and cut in real time.
 
+pub mod channel;
 pub mod cpu;
 pub mod error;
 pub mod math;

@@ -922,7 +922,9 @@ mod tests {
             keep: 1.0,
             watch: false,
         };
-        for run in bricks.runs(longest, |_| true) {
+        let mut runs = Vec::new();
+        bricks.list_runs(longest, |_| true, &mut runs);
+        for run in runs {
             // SAFETY: one thread, fields of the right size, a kernel for this processor.
             unsafe { kernel(&pass, run, &mut scratch) };
         }
@@ -1016,71 +1018,5 @@ mod tests {
         let tables = LawTables::<f32>::new(&laws, lattice.cell_m());
         let simd = accelerations(&bricks, &laws, &mut single, MAX_RUN, f32::kernel(&tables));
         assert!(furthest(&simd) < 1e-6, "{}", furthest(&simd));
-    }
-
-    #[test]
-    #[ignore = "timing probe"]
-    fn probe() {
-        for (nodes_target, nu) in [(4000.0_f64, 0.25), (82105.0, 0.25), (82105.0, 0.45), (262_144.0, 0.25)] {
-            let a = (nodes_target * 3.0 / (4.0 * std::f64::consts::PI * 0.35)).cbrt();
-            let axes = [a, 0.7 * a, 0.5 * a];
-            let cells = axes.map(|x| (2.0 * x) as usize + 2);
-            let mut materials = Vec::new();
-            for k in 0..cells[2] {
-                for j in 0..cells[1] {
-                    for i in 0..cells[0] {
-                        let r = |c: usize, n: usize| (c as f64 + 0.5 - cells[n] as f64 / 2.0) / axes[n];
-                        materials.push(u8::from(r(i, 0).powi(2) + r(j, 1).powi(2) + r(k, 2).powi(2) < 1.0));
-                    }
-                }
-            }
-            let h = 2e-3;
-            let mut laws = [CellLaw::default(); 16];
-            laws[1] = CellLaw::of(&Material::new("m", 3e3, nu, 1000.0).unwrap(), h);
-            let model = model_of(Lattice::new(cells, h, &materials).unwrap());
-            let bricks = Bricks::new(model.clone());
-            let lattice = model.lattice();
-            let mut nodes = Nodes::<f32>::at_rest(bricks.count(), false);
-            let mut noise = Noise(11);
-            for slot in (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0) {
-                nodes.u.set(slot, Vec3::from_fn(|_, _| 1e-5 * noise.next()));
-            }
-            let tables = LawTables::<f32>::new(&laws, h);
-            let kernel = f32::kernel(&tables);
-            let mut marks = vec![Mark::default(); bricks.count()];
-            let mut scratch = Scratch::new();
-            let runs = bricks.runs(MAX_RUN, |_| true);
-            let mut best = f64::MAX;
-            for _ in 0..30 {
-                let pass = Pass {
-                    bricks: &bricks,
-                    flags: lattice.flags(),
-                    laws: &tables,
-                    u: nodes.u.0.as_ptr(),
-                    v: nodes.v.0.as_ptr(),
-                    u_next: nodes.u_next.0.as_mut_ptr(),
-                    v_next: nodes.v.0.as_mut_ptr(),
-                    marks: marks.as_mut_ptr(),
-                    dt: 1e-4,
-                    gravity: [0.0; 3],
-                    keep: 1.0,
-                    watch: false,
-                };
-                let t = std::time::Instant::now();
-                for &run in &runs {
-                    unsafe { kernel(&pass, run, &mut scratch) };
-                }
-                best = best.min(t.elapsed().as_secs_f64());
-                nodes.swap();
-            }
-            println!(
-                "nodes {} nu {nu}: {:.3} ms one thread, fill {:.3}, runs {}, {:.1} ns/node",
-                lattice.node_count(),
-                best * 1e3,
-                lattice.node_count() as f64 / lattice.slot_count() as f64,
-                runs.len(),
-                best * 1e9 / lattice.node_count() as f64
-            );
-        }
     }
 }

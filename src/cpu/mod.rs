@@ -1,6 +1,11 @@
 //! WHERE, on the processor: SIMD over rows of eight nodes, a few persistent threads.
 
+pub mod contact;
 pub mod lanes;
 pub mod lattice;
 pub mod nodes;
+pub mod sleep;
+pub mod solver;
+pub mod stability;
+pub mod surface;
 pub mod workers;

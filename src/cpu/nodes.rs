@@ -140,9 +140,9 @@ impl Bricks {
         self.rows.len()
     }
 
-    /// Rows of consecutive bricks along x that satisfy `wanted`, none longer than `longest`.
-    pub fn runs(&self, longest: usize, wanted: impl Fn(usize) -> bool) -> Vec<Run> {
-        let mut runs: Vec<Run> = Vec::new();
+    /// Lists rows of consecutive bricks along x that satisfy `wanted`, none longer than `longest`.
+    pub fn list_runs(&self, longest: usize, wanted: impl Fn(usize) -> bool, runs: &mut Vec<Run>) {
+        runs.clear();
         for brick in (0..self.count()).filter(|&b| wanted(b)) {
             match runs.last_mut() {
                 Some(run)
@@ -156,7 +156,6 @@ impl Bricks {
                 _ => runs.push(Run { first: brick, bricks: 1 }),
             }
         }
-        runs
     }
 }
 

@@ -94,13 +94,12 @@ impl Surface {
         &self.triangle_of[self.triangle_starts[vertex] as usize..self.triangle_starts[vertex + 1] as usize]
     }
 
-    /// The unit normal at a vertex, its triangles weighted by their areas, when the vertices are at
-    /// `positions` `[vertex_count]`. A vertex without triangles, or whose triangles have no area or cancel,
+    /// The unit normal at a vertex, its triangles weighted by their areas, when vertex `v` is at `position(v)`. A vertex without triangles, or whose triangles have no area or cancel,
     /// gets +z.
-    pub fn vertex_normal(&self, vertex: usize, positions: &[Vec3]) -> Vec3 {
+    pub fn vertex_normal(&self, vertex: usize, position: impl Fn(u32) -> Vec3) -> Vec3 {
         let mut sum = Vec3::zeros();
         for &triangle in self.triangles_at(vertex) {
-            let [a, b, c] = self.triangles[triangle as usize].map(|v| positions[v as usize]);
+            let [a, b, c] = self.triangles[triangle as usize].map(&position);
             sum += (b - a).cross(&(c - a));
         }
         let length = sum.norm();
@@ -109,7 +108,7 @@ impl Surface {
 
     /// All vertex normals at rest `[vertex_count]`, see [`Self::vertex_normal`].
     pub fn rest_normals(&self) -> Vec<Vec3> {
-        (0..self.positions.len()).map(|v| self.vertex_normal(v, &self.positions)).collect()
+        (0..self.positions.len()).map(|v| self.vertex_normal(v, |w| self.positions[w as usize])).collect()
     }
 }
 
@@ -224,9 +223,9 @@ mod tests {
         let surface = Surface::from_preferred_cells(tetrahedron(&[]), &block(), |_| true).unwrap();
         // At the right-angled corner three equal triangles look along −x, −y and −z.
         let expected = -Vec3::repeat(1.0 / 3.0_f64.sqrt());
-        assert!((surface.vertex_normal(0, &surface.positions) - expected).norm() < 1e-12);
+        assert!((surface.vertex_normal(0, |v| surface.positions[v as usize]) - expected).norm() < 1e-12);
         // At corner 1 the slanted face (9, 9, 9) outweighs those along −z and −y (9 each), which it cancels.
-        assert!((surface.vertex_normal(1, &surface.positions) - Vec3::x()).norm() < 1e-12);
+        assert!((surface.vertex_normal(1, |v| surface.positions[v as usize]) - Vec3::x()).norm() < 1e-12);
     }
 
     #[test]
@@ -240,7 +239,7 @@ mod tests {
         assert_eq!(surface.rest_normals()[..4], sound.rest_normals());
         assert_eq!(surface.rest_normals()[4], Vec3::z());
         let flattened = vec![Vec3::zeros(); 5];
-        assert_eq!(surface.vertex_normal(0, &flattened), Vec3::z());
+        assert_eq!(surface.vertex_normal(0, |v| flattened[v as usize]), Vec3::z());
     }
 
     #[test]

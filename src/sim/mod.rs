@@ -3,14 +3,27 @@
 //! A [`Sim`] is driven by its owner, one thread at a time. A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 
+mod pick;
+mod state;
+mod surface_port;
+mod tool_port;
+
 use std::sync::Arc;
 
-use crate::error::Result;
+use parking_lot::Mutex;
+
+pub use self::pick::Pick;
+pub use self::surface_port::{SurfaceFrame, SurfacePort};
+pub use self::tool_port::ToolPort;
+pub use crate::solver::SurfaceField;
+
+use self::state::State;
+use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
-use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolMotion};
+use crate::solver::tool::{Contact, ToolDesc};
 
 /// The arithmetic of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,7 +63,7 @@ impl Default for SimDesc {
             threads: 0,
             step_s: 1e-3,
             substeps: None,
-            gravity_m_s2: Vec3::new(0.0, 0.0, 0.0),
+            gravity_m_s2: Vec3::zeros(),
             rest_under_gravity: true,
             drag_per_s: 5.0,
             sleeping: true,
@@ -58,24 +71,44 @@ impl Default for SimDesc {
     }
 }
 
-/// The id of a load in a running simulation; never 0, never used again.
+impl SimDesc {
+    fn check(&self) -> Result<()> {
+        if !(1e-6..=1.0).contains(&self.step_s) {
+            return Err(Error::argument(format!(
+                "a step of {} s is not between 1e-6 s and 1 s",
+                self.step_s
+            )));
+        }
+        if !(0.0..=1e4).contains(&self.drag_per_s) {
+            return Err(Error::argument(format!(
+                "a drag of {} 1/s is not between 0 and 10,000",
+                self.drag_per_s
+            )));
+        }
+        if self.substeps.is_some_and(|n| !(1..=MAX_SUBSTEPS).contains(&n)) {
+            return Err(Error::argument(format!("a step has 1 to {MAX_SUBSTEPS} substeps")));
+        }
+        if self.threads > MAX_THREADS {
+            return Err(Error::Limit(format!("{} threads are more than {MAX_THREADS}", self.threads)));
+        }
+        check_finite("gravity", self.gravity_m_s2)
+    }
+}
+
+/// Most substeps in one step.
+pub const MAX_SUBSTEPS: u32 = 100_000;
+/// Most threads of one simulation.
+pub const MAX_THREADS: usize = 256;
+/// Most tools of one simulation.
+pub const MAX_TOOLS: usize = 64;
+
+/// The id of a load in its simulation; never 0, never used again there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LoadId(pub u64);
 
-/// What a ray met.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pick {
-    /// Where, world frame.
-    pub point_m: Vec3,
-    /// Outward unit normal of the triangle there.
-    pub normal: Vec3,
-    /// Distance along the ray in metres.
-    pub distance_m: f64,
-    /// The triangle of the contact surface.
-    pub triangle: u32,
-    /// Material index of the tissue, 1 to 15.
-    pub material: u8,
-}
+/// The id of a tool in its simulation; never 0, never used again there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ToolId(pub u64);
 
 /// Nodal quantity for [`Sim::nodes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,188 +117,157 @@ pub enum NodeField {
     RestPosition,
     /// Displacement, world axes, m.
     Displacement,
-    /// Velocity, world axes, m/s.
+    /// Velocity, world axes, m/s, half a substep behind the displacement.
     Velocity,
-}
-
-/// Scalar shown on a surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SurfaceField {
-    /// Length of the displacement in metres.
-    #[default]
-    Displacement,
-    /// Largest principal strain magnitude of the cell under the vertex.
-    Strain,
 }
 
 /// A running simulation.
 #[derive(Debug)]
-pub struct Sim {}
-
-/// One tool of a simulation, held by its servo thread.
-#[derive(Debug)]
-pub struct ToolPort {}
-
-/// One renderer's view of one surface.
-#[derive(Debug)]
-pub struct SurfacePort {}
-
-/// One frame of a surface, valid until the port takes the next one. World frame. Arrays are `[vertex_count]`, 16-byte aligned.
-#[derive(Clone, Copy, Debug)]
-pub struct SurfaceFrame<'a> {
-    /// x, y, z in metres and 1.
-    pub positions: &'a [[f32; 4]],
-    /// Unit normals and 0.
-    pub normals: &'a [[f32; 4]],
-    /// The positions of the frame that this port took before, for motion vectors.
-    pub previous_positions: &'a [[f32; 4]],
-    /// The field chosen with [`SurfacePort::set_field`].
-    pub scalars: &'a [f32],
-    /// Texture coordinates.
-    pub uvs: &'a [[f32; 2]],
-    /// Material indices, 1 to 15.
-    pub materials: &'a [u8],
-    /// Vertex indices `[triangle_count]`.
-    pub triangles: &'a [[u32; 3]],
-    /// Counts changes of `triangles`; 0 until the first cut.
-    pub topology_version: u64,
-    /// Simulated time of the frame in seconds.
-    pub time_s: f64,
+pub struct Sim {
+    model: Arc<Model>,
+    /// The renderers' ports wait here for a step to end; `None` once the simulation is gone.
+    state: Arc<Mutex<Option<State>>>,
 }
 
 impl Sim {
     /// A simulation at rest.
     pub fn new(model: Arc<Model>, desc: &SimDesc) -> Result<Self> {
-        let _ = (model, desc);
-        todo!()
+        desc.check()?;
+        let state = State::new(model.clone(), desc.clone())?;
+        Ok(Self { model, state: Arc::new(Mutex::new(Some(state))) })
     }
 
     /// The model.
     pub fn model(&self) -> &Arc<Model> {
-        todo!()
+        &self.model
     }
 
     /// Adds a tool. It touches nothing until its first motion is set.
     pub fn add_tool(&mut self, desc: &ToolDesc) -> Result<ToolPort> {
-        let _ = desc;
-        todo!()
+        desc.check()?;
+        self.with(|state| state.add_tool(desc))
     }
 
-    /// Removes the tool of a port; the port then reports that it is stopped.
-    pub fn remove_tool(&mut self, port: &ToolPort) -> Result<()> {
-        let _ = port;
-        todo!()
+    /// Removes a tool; its port then reports that it is stopped.
+    pub fn remove_tool(&mut self, tool: ToolId) -> Result<()> {
+        self.with(|state| state.remove_tool(tool))
     }
 
     /// Opens a port on surface `index` of the model.
     pub fn open_surface(&mut self, index: usize) -> Result<SurfacePort> {
-        let _ = index;
-        todo!()
+        SurfacePort::new(self.model.clone(), self.state.clone(), index)
     }
 
     /// Advances by one step of [`SimDesc::step_s`].
+    ///
+    /// After [`Error::Diverged`] the state is the last good one, at rest, and every further step fails in the same way until
+    /// [`Self::reset`].
     pub fn step(&mut self) -> Result<()> {
-        todo!()
+        self.with(State::step)
     }
 
-    /// Lets the tissue come to rest under its loads, with the tools where they are, without simulated time passing.
-    /// Returns the largest residual acceleration in m/s².
+    /// Lets the tissue come to rest under its loads, with the tools where they are, without simulated time passing. Stops when no
+    /// node accelerates more than `tolerance_m_s2`, or after `max_substeps`. Returns the largest acceleration left, in m/s².
+    ///
+    /// Velocities are cleared whenever the kinetic energy falls (kinetic damping). Nodes under loads and contact keep an
+    /// acceleration by inner forces that balances those; the tolerance is compared with how fast the tissue still moves in
+    /// that case, see [`Self::statistics`].
     pub fn settle(&mut self, tolerance_m_s2: f64, max_substeps: u64) -> Result<f64> {
-        let _ = (tolerance_m_s2, max_substeps);
-        todo!()
+        if !(tolerance_m_s2.is_finite() && tolerance_m_s2 > 0.0) {
+            return Err(Error::argument(format!("a tolerance of {tolerance_m_s2} m/s² is not above 0")));
+        }
+        self.with(|state| state.settle(tolerance_m_s2, max_substeps))
     }
 
     /// Back to the rest state at time 0, with loads, tools and gravity as they are.
     pub fn reset(&mut self) {
-        todo!()
+        self.with(State::reset);
     }
 
     /// Changes gravity, world frame, m/s².
     pub fn set_gravity(&mut self, gravity_m_s2: Vec3) -> Result<()> {
-        let _ = gravity_m_s2;
-        todo!()
+        check_finite("gravity", gravity_m_s2)?;
+        self.with(|state| state.set_gravity(gravity_m_s2));
+        Ok(())
     }
 
     /// Adds a load that acts until it is removed.
     pub fn add_load(&mut self, load: &Load) -> Result<LoadId> {
-        let _ = load;
-        todo!()
+        let nodal = load.resolve(&self.model)?;
+        Ok(self.with(|state| state.add_load(nodal)))
     }
 
     /// Removes a load.
     pub fn remove_load(&mut self, id: LoadId) -> Result<()> {
-        let _ = id;
-        todo!()
+        self.with(|state| state.remove_load(id))
     }
 
     /// Drives the rigid region of a label: the transform (world frame) from its rest place to its new one, reached at the end of the
     /// next step.
     pub fn drive_region(&mut self, label: u16, motion: &Pose) -> Result<()> {
-        let _ = (label, motion);
-        todo!()
+        if !motion.to_homogeneous().iter().all(|x| x.is_finite()) {
+            return Err(Error::argument("the motion of a rigid region must be finite"));
+        }
+        self.with(|state| state.drive_region(label, motion))
     }
 
     /// The contacts of a tool in the last substep.
-    pub fn contacts(&self, port: &ToolPort) -> Result<Vec<Contact>> {
-        let _ = port;
-        todo!()
+    pub fn contacts(&self, tool: ToolId) -> Result<Vec<Contact>> {
+        self.with(|state| state.contacts(tool))
     }
 
     /// The first triangle of the contact surface, as deformed now, that a ray meets. World frame.
     pub fn pick(&self, origin_m: Vec3, direction: Vec3) -> Result<Option<Pick>> {
-        let _ = (origin_m, direction);
-        todo!()
+        check_finite("the origin of a ray", origin_m)?;
+        check_finite("the direction of a ray", direction)?;
+        let direction = direction
+            .try_normalize(1e-12)
+            .ok_or_else(|| Error::argument("the direction of a ray must not be zero"))?;
+        Ok(self.with(|state| state.pick(origin_m, direction)))
     }
 
     /// A nodal quantity for every node, in slot order `[node_count]`.
     pub fn nodes(&self, field: NodeField) -> Vec<Vec3> {
-        let _ = field;
-        todo!()
+        self.with(|state| state.nodes(field))
     }
 
     /// How the simulation is doing.
     pub fn statistics(&self) -> Statistics {
-        todo!()
+        self.with(|state| state.statistics())
     }
 
     /// Energies now.
     pub fn energy(&self) -> Energy {
-        todo!()
+        self.with(State::energy)
+    }
+
+    /// Replaces displacement (m) and velocity (m/s, half a substep behind) of a node, both in the **model** frame: an initial
+    /// condition.
+    pub fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) -> Result<()> {
+        check_finite("a displacement", displacement)?;
+        check_finite("a velocity", velocity)?;
+        if self.model.lattice().words().get(slot as usize).is_none_or(|&word| word == 0) {
+            return Err(Error::argument(format!("slot {slot} holds no node")));
+        }
+        self.with(|state| state.set_node(slot, displacement, velocity));
+        Ok(())
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut State) -> T) -> T {
+        let mut state = self.state.lock();
+        act(state.as_mut().expect("the state lives as long as its simulation"))
     }
 }
 
-impl ToolPort {
-    /// Says where the tool is. The simulation moves it there over its next step. Wait-free: no lock, allocation or system call.
-    pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
-        let _ = motion;
-        todo!()
-    }
-
-    /// The newest force. Wait-free.
-    pub fn force(&mut self) -> ToolForce {
-        todo!()
-    }
-
-    /// Whether the simulation still exists and still has this tool. Wait-free.
-    pub fn is_running(&self) -> bool {
-        todo!()
+impl Drop for Sim {
+    fn drop(&mut self) {
+        // Ports may live on; the state must not.
+        let state = self.state.lock().take();
+        drop(state);
     }
 }
 
-impl SurfacePort {
-    /// Takes the newest state of the surface. Waits for a step in progress, never makes a step wait for the renderer to finish.
-    pub fn map(&mut self) -> Result<SurfaceFrame<'_>> {
-        todo!()
-    }
-
-    /// Chooses the scalar of later frames.
-    pub fn set_field(&mut self, field: SurfaceField) {
-        let _ = field;
-        todo!()
-    }
-
-    /// Whether the simulation still exists.
-    pub fn is_running(&self) -> bool {
-        todo!()
-    }
+fn check_finite(what: &str, v: Vec3) -> Result<()> {
+    let good = v.iter().all(|x| x.is_finite());
+    good.then_some(()).ok_or_else(|| Error::argument(format!("{what} must be finite")))
 }

@@ -1,6 +1,8 @@
 //! Loads that act until they are removed.
 
+use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
+use crate::model::{Model, binding};
 
 /// A load on the tissue. World frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -35,4 +37,88 @@ pub struct Region {
     pub pose: Pose,
     /// Half its edge lengths in metres.
     pub half_extents_m: Vec3,
+}
+
+/// A load resolved to nodes. Model frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NodalLoads {
+    /// Forces in N that keep their direction.
+    pub forces: Vec<(u32, Vec3)>,
+    /// Quadrilaterals, counter-clockwise seen from outside, and the pressure on each in Pa.
+    pub pressed: Vec<([u32; 4], f64)>,
+}
+
+impl Load {
+    /// Finds the nodes that a load acts on.
+    pub fn resolve(&self, model: &Model) -> Result<NodalLoads> {
+        let lattice = model.lattice();
+        let (frame, h) = (model.frame(), lattice.cell_m());
+        let mut loads = NodalLoads::default();
+        match *self {
+            Self::Point { at_m, force_n } => {
+                finite("a point load", &[at_m, force_n])?;
+                let local = frame.inverse_transform_point(&at_m.into()).coords / h;
+                let (rows, _) = binding::bind(&[local * h], lattice, |_| true)?;
+                let force = frame.rotation.inverse() * force_n;
+                let row = &rows[0];
+                let shares = row.nodes.iter().zip(row.weights).filter(|(_, weight)| *weight != 0.0);
+                loads.forces.extend(shares.map(|(&slot, weight)| (slot, force * f64::from(weight))));
+            }
+            Self::Traction { region, traction_pa } => {
+                finite("a traction", &[traction_pa])?;
+                let share = frame.rotation.inverse() * traction_pa * (h * h / 4.0);
+                for face in region.faces(model)? {
+                    loads.forces.extend(face.map(|slot| (slot, share)));
+                }
+            }
+            Self::Pressure { region, pressure_pa } => {
+                finite("a pressure", &[Vec3::repeat(pressure_pa)])?;
+                loads.pressed.extend(region.faces(model)?.into_iter().map(|face| (face, pressure_pa)));
+            }
+        }
+        Ok(loads)
+    }
+}
+
+impl Region {
+    /// The faces of the region, each as four slots counter-clockwise seen from outside.
+    fn faces(&self, model: &Model) -> Result<Vec<[u32; 4]>> {
+        finite("a region", &[self.half_extents_m, self.pose.translation.vector])?;
+        let lattice = model.lattice();
+        let h = lattice.cell_m();
+        let to_box = self.pose.inverse() * model.frame();
+        let reach = self.half_extents_m + Vec3::repeat(1e-6 * h);
+        let mut faces = Vec::new();
+        for (cell, _) in lattice.occupied() {
+            let corners = lattice.corners(cell);
+            for (axis, side) in (0..3).flat_map(|axis| [(axis, 0), (axis, 1)]) {
+                let neighbour = cell[axis].checked_add_signed(if side == 0 { -1 } else { 1 });
+                let is_covered = neighbour.is_some_and(|c| {
+                    let mut other = cell;
+                    other[axis] = c;
+                    lattice.cell_material(other) != 0
+                });
+                let centre =
+                    Vec3::from_fn(|a, _| cell[a] as f64 + if a == axis { side as f64 } else { 0.5 }) * h;
+                let p = to_box.transform_point(&centre.into()).coords;
+                if is_covered || (0..3).any(|a| p[a].abs() > reach[a]) {
+                    continue;
+                }
+                // Around the axis, the other two follow in right-handed order.
+                let (one, two) = (1 << ((axis + 1) % 3), 1 << ((axis + 2) % 3));
+                let base = side << axis;
+                let ring = [base, base | one, base | one | two, base | two].map(|c| corners[c]);
+                faces.push(if side == 1 { ring } else { [ring[0], ring[3], ring[2], ring[1]] });
+            }
+        }
+        if faces.is_empty() {
+            return Err(Error::argument("no boundary face of the tissue lies in the region of a load"));
+        }
+        Ok(faces)
+    }
+}
+
+fn finite(what: &str, vectors: &[Vec3]) -> Result<()> {
+    let good = vectors.iter().all(|v| v.iter().all(|x| x.is_finite()));
+    good.then_some(()).ok_or_else(|| Error::argument(format!("{what} must be finite")))
 }

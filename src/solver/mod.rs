@@ -3,3 +3,141 @@
 pub mod load;
 pub mod statistics;
 pub mod tool;
+
+use std::sync::Arc;
+
+use crate::math::{Pose, Vec3};
+use load::NodalLoads;
+use tool::{Contact, ToolDesc, ToolPath, Wrench};
+
+/// One step, as a backend takes it. Model frame.
+#[derive(Debug)]
+pub struct StepPlan<'a> {
+    /// How many substeps.
+    pub substeps: u32,
+    /// Their length in s.
+    pub dt: f64,
+    /// Acceleration of every node in m/s².
+    pub gravity: Vec3,
+    /// Background drag α in 1/s.
+    pub drag_per_s: f64,
+    /// Tools that may touch the tissue.
+    pub tools: &'a [ToolStep],
+    /// Rigid regions that move.
+    pub regions: &'a [RegionStep],
+    /// Loads in force.
+    pub loads: &'a [NodalLoads],
+    /// Whether bricks may sleep.
+    pub sleeping: bool,
+    /// Whether velocities are cleared whenever the kinetic energy falls, so that the tissue settles.
+    pub kinetic_damping: bool,
+}
+
+/// A tool during one step.
+#[derive(Clone, Debug)]
+pub struct ToolStep {
+    /// Shape and friction.
+    pub desc: Arc<ToolDesc>,
+    /// Its way.
+    pub path: ToolPath,
+}
+
+/// A rigid region during one step: the transform from its rest place.
+#[derive(Clone, Copy, Debug)]
+pub struct RegionStep {
+    /// Its label.
+    pub label: u16,
+    /// The transform at the start.
+    pub from: Pose,
+    /// The transform at the end.
+    pub to: Pose,
+}
+
+/// What a tool gave to the tissue during a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ToolSum {
+    /// Impulse on the **tool** in N s, and its moment about the tool's origin in N m s.
+    pub impulse: Wrench,
+    /// Work done on the tissue in J.
+    pub work_j: f64,
+}
+
+/// How a step went.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepReport {
+    /// Substeps that were taken; fewer than planned when the state diverged.
+    pub substeps: u32,
+    /// Whether a node moved further than a cell in one substep, or became not finite. The state is that before.
+    pub has_diverged: bool,
+    /// Nodes integrated in the last substep.
+    pub awake_nodes: u64,
+    /// Largest |1 − L / l| of an edge spring.
+    pub strain: f64,
+    /// Smallest and largest J of a cell with a volume term.
+    pub volume_ratio: [f64; 2],
+    /// Largest acceleration of a node along its free axes, loads and contact not counted, in m/s².
+    pub acceleration_m_s2: f64,
+    /// Kinetic energy in J.
+    pub kinetic_j: f64,
+    /// Surface points in contact in the last substep.
+    pub contact_points: u32,
+}
+
+/// A surface's arrays, filled by a backend. World frame.
+#[derive(Debug)]
+pub struct SurfaceArrays<'a> {
+    /// x, y, z in metres and 1, `[vertex_count]`.
+    pub positions: &'a mut [[f32; 4]],
+    /// Unit normals and 0, `[vertex_count]`.
+    pub normals: &'a mut [[f32; 4]],
+    /// The scalar field, `[vertex_count]`.
+    pub scalars: &'a mut [f32],
+}
+
+/// Scalar shown on a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SurfaceField {
+    /// Length of the displacement in metres.
+    #[default]
+    Displacement,
+    /// Largest principal strain magnitude of the tissue under the vertex.
+    Strain,
+}
+
+/// A backend that holds the state of one simulation and advances it.
+///
+/// Coarse on purpose: everything hot lies behind [`Self::advance`], so that a backend may fuse as it likes.
+pub trait Solver: Send + std::fmt::Debug {
+    /// Largest stable substep at rest in s, damping included.
+    fn stable_dt(&self) -> f64;
+
+    /// Takes a step. `sums` has one entry for each tool of the plan and is added to.
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> StepReport;
+
+    /// Contacts of the tool with index `tool` in the last plan, model frame.
+    fn contacts(&self, tool: usize) -> Vec<Contact>;
+
+    /// Computes a surface of the model as it is now.
+    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays);
+
+    /// Displacement of a slot in m, model frame.
+    fn displacement(&self, slot: u32) -> Vec3;
+
+    /// Velocity of a slot in m/s, model frame, half a substep behind the displacement.
+    fn velocity(&self, slot: u32) -> Vec3;
+
+    /// Replaces displacement and velocity of a slot.
+    fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3);
+
+    /// Accelerations of all slots by inner forces alone, m/s², zero along held axes.
+    fn accelerations(&mut self) -> Vec<Vec3>;
+
+    /// Wakes everything: gravity, loads or boundaries changed.
+    fn wake(&mut self);
+
+    /// Back to rest.
+    fn reset(&mut self);
+
+    /// Bytes resident for the state and topology of nodes, the model's part included.
+    fn node_bytes(&self) -> u64;
+}

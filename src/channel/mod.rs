@@ -1,0 +1,3 @@
+//! How threads meet: the newest value through [`latest`].
+
+pub mod latest;

@@ -1,0 +1,518 @@
+//! Contact of tools with the tissue's surface, by projection.
+//!
+//! Contact points are the centres of small triangles into which each surface triangle near a tool is divided, so that their spacing is
+//! at most half the size of the tool's features: a tip smaller than a cell glides over the cells. A point that the free
+//! motion has put inside a tool is put back on its surface within the same substep. The impulse for that
+//! is found by projected Gauss–Seidel over all points and tools together (normal impulses push only, tangential ones stay in
+//! Coulomb's cone), on the masses of the nodes that carry the points. Because the tool receives exactly what the nodes receive,
+//! Newton's third law holds to rounding.
+//!
+//! A tool that moves more than half its feature size in a substep is taken there in several smaller moves, each with its own
+//! projection, so that it cannot pass through the surface.
+//!
+//! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses, a stiff wall.
+
+use std::sync::Arc;
+
+use super::lanes::Real;
+use super::nodes::Field;
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::model::surface::ROW;
+use crate::solver::tool::Contact;
+use crate::solver::{ToolStep, ToolSum};
+
+/// Most points in contact at once; deeper ones are kept no better than others, and what is dropped is counted.
+const MAX_POINTS: usize = 4096;
+/// Most nodes that carry them.
+const MAX_NODES: usize = 8192;
+/// Sweeps of the Gauss–Seidel iteration.
+const SWEEPS: usize = 8;
+/// Finest division of a triangle's edge.
+const MAX_DIVISION: u32 = 32;
+/// Most moves of a tool in a substep.
+const MAX_MOVES: f64 = 64.0;
+/// Share of a cell by which a point may be pushed out in one substep, besides the tool's own motion.
+const PUSH_LIMIT: f64 = 0.25;
+/// Of a point's mobility, how much must belong to free nodes for the point to count as movable.
+const MOVABLE: f64 = 1e-3;
+
+/// What contact may read and write of the nodes.
+#[derive(Debug)]
+pub struct ContactNodes<'a, R> {
+    /// Displacement at the end of the substep.
+    pub u: &'a mut Field<R>,
+    /// Velocity.
+    pub v: &'a mut Field<R>,
+    /// Flag bits.
+    pub flags: &'a [u8],
+    /// Corner mass of each material in kg.
+    pub corner_kg: &'a [f64; 16],
+    /// Substep in s.
+    pub dt: f64,
+    /// Step in s: the time that the tools' paths take.
+    pub step: f64,
+}
+
+/// Contact with one model's contact surface. Everything is allocated once.
+#[derive(Debug)]
+pub struct ContactSurface {
+    model: Arc<Model>,
+    groups: Vec<Group>,
+    /// Triangles in the order of their groups.
+    grouped: Vec<u32>,
+    /// Longest rest edge of each triangle.
+    longest_edge: Vec<f64>,
+    /// Triangles that a tool may meet in this step.
+    near: Vec<u32>,
+    points: Vec<Point>,
+    carried: Vec<(u32, f64)>,
+    nodes: Vec<TouchedNode>,
+    index: NodeIndex,
+    /// Bricks of nodes that were pushed in the last substep.
+    touched_bricks: Vec<u32>,
+    /// Points that found no room.
+    pub dropped: u64,
+}
+
+/// Triangles that hang on one brick.
+#[derive(Clone, Copy, Debug)]
+struct Group {
+    brick: u32,
+    start: u32,
+    end: u32,
+    low: Vec3,
+    high: Vec3,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    tool: u32,
+    triangle: u32,
+    /// Range in `carried`: local nodes and weights.
+    start: u32,
+    end: u32,
+    position: Vec3,
+    /// Out of the tool.
+    normal: Vec3,
+    depth: f64,
+    /// Velocity of the tool there.
+    tool_velocity: Vec3,
+    /// 1 / Σ w²/m over free nodes, or over all nodes where none is free.
+    mass: f64,
+    is_movable: bool,
+    /// Impulse on the tissue in N s: along the normal, and across it.
+    push: f64,
+    drag: Vec3,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct TouchedNode {
+    slot: u32,
+    /// 1 / mass along each free axis, else 0.
+    mobility: Vec3,
+    inverse_mass: f64,
+    velocity: Vec3,
+    change: Vec3,
+}
+
+impl ContactSurface {
+    /// Prepares the contact surface of a model.
+    pub fn new(model: Arc<Model>) -> Self {
+        let surface = &model.surfaces()[model.contact_surface()];
+        let brick_of = |t: &[u32; 3]| surface.rows[t[0] as usize].nodes[0] / BRICK_SLOTS as u32;
+        let mut grouped: Vec<u32> = (0..surface.triangles.len() as u32).collect();
+        grouped.sort_by_key(|&t| (brick_of(&surface.triangles[t as usize]), t));
+
+        let mut groups: Vec<Group> = Vec::new();
+        for (at, &t) in grouped.iter().enumerate() {
+            let corners = surface.triangles[t as usize];
+            let brick = brick_of(&corners);
+            if groups.last().is_none_or(|group| group.brick != brick) {
+                let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+                groups.push(Group { brick, start: at as u32, end: at as u32, low, high });
+            }
+            let group = groups.last_mut().expect("a group was just pushed if there was none");
+            group.end = at as u32 + 1;
+            for p in corners.map(|v| surface.positions[v as usize]) {
+                group.low = group.low.inf(&p);
+                group.high = group.high.sup(&p);
+            }
+        }
+        let longest_edge = surface
+            .triangles
+            .iter()
+            .map(|t| {
+                let p = t.map(|v| surface.positions[v as usize]);
+                (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max)
+            })
+            .collect();
+        let near = Vec::with_capacity(grouped.len());
+        Self {
+            groups,
+            grouped,
+            longest_edge,
+            near,
+            points: Vec::with_capacity(MAX_POINTS),
+            carried: Vec::with_capacity(MAX_POINTS * 3 * ROW),
+            nodes: Vec::with_capacity(MAX_NODES),
+            index: NodeIndex::new(),
+            touched_bricks: Vec::with_capacity(MAX_NODES),
+            dropped: 0,
+            model,
+        }
+    }
+
+    /// Bricks whose nodes were pushed in the last substep.
+    pub fn touched_bricks(&self) -> &[u32] {
+        &self.touched_bricks
+    }
+
+    /// Points in contact in the last substep.
+    pub fn point_count(&self) -> usize {
+        self.points.iter().filter(|p| p.push > 0.0).count()
+    }
+
+    /// Forgets all contacts.
+    pub fn clear(&mut self) {
+        self.near.clear();
+        self.points.clear();
+        self.touched_bricks.clear();
+    }
+
+    /// Lists the triangles that tools may meet during a step. `moved` bounds how far nodes of a brick and its neighbours are from
+    /// rest, `margin` how far they move during the step.
+    pub fn gather(&mut self, tools: &[ToolStep], moved: impl Fn(u32) -> f64, margin: f64) {
+        self.near.clear();
+        for group in &self.groups {
+            let slack = moved(group.brick) + margin;
+            let hit = tools.iter().any(|tool| {
+                let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
+                let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
+                let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
+                (0..3).all(|i| low[i] <= group.high[i] && group.low[i] <= high[i])
+            });
+            if hit {
+                self.near.extend_from_slice(&self.grouped[group.start as usize..group.end as usize]);
+            }
+        }
+    }
+
+    /// Pushes the tissue out of the tools at the end of a substep that spans the fractions `from` to `to` of the step, and adds to
+    /// each tool's sum.
+    pub fn resolve<R: Real>(
+        &mut self,
+        tools: &[ToolStep],
+        span: [f64; 2],
+        nodes: &mut ContactNodes<R>,
+        sums: &mut [ToolSum],
+    ) {
+        self.points.clear();
+        self.touched_bricks.clear();
+        if self.near.is_empty() {
+            return;
+        }
+        let moves = tools
+            .iter()
+            .map(|tool| {
+                let way = tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
+                (way / (0.5 * tool.desc.feature_m())).ceil()
+            })
+            .fold(1.0, f64::max)
+            .min(MAX_MOVES) as u32;
+        for step in 1..=moves {
+            let t = span[0] + (span[1] - span[0]) * f64::from(step) / f64::from(moves);
+            self.find_points(tools, t, nodes);
+            if self.points.is_empty() {
+                continue;
+            }
+            self.project(tools, nodes.dt, nodes.dt / f64::from(moves));
+            self.apply(tools, t, nodes, sums);
+        }
+    }
+
+    /// The contacts of one tool in the last substep, model frame; forces are those of that substep.
+    pub fn contacts_of(&self, tool: u32, dt: f64) -> impl Iterator<Item = Contact> + '_ {
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        self.points.iter().filter(move |p| p.tool == tool && p.push > 0.0).map(move |p| Contact {
+            point_m: p.position,
+            normal: p.normal,
+            depth_m: p.depth,
+            force_n: (p.normal * p.push + p.drag) / dt,
+            material: surface.materials[surface.triangles[p.triangle as usize][0] as usize],
+        })
+    }
+
+    /// Finds the contact points inside tools, and the nodes that carry them.
+    fn find_points<R: Real>(&mut self, tools: &[ToolStep], t: f64, nodes: &ContactNodes<R>) {
+        self.points.clear();
+        self.carried.clear();
+        self.nodes.clear();
+        self.index.clear();
+        let model = self.model.clone();
+        let surface = &model.surfaces()[model.contact_surface()];
+
+        for (number, tool) in tools.iter().enumerate() {
+            let pose = tool.path.at(t);
+            let (to_tool, centre) = (pose.inverse(), pose.translation.vector);
+            let radius = tool.desc.bounding_radius_m();
+            let spacing = 0.5 * tool.desc.feature_m();
+            for at in 0..self.near.len() {
+                let triangle = self.near[at];
+                let vertices = surface.triangles[triangle as usize];
+                let corners = vertices.map(|v| {
+                    let row = &surface.rows[v as usize];
+                    let moved = (0..ROW).map(|i| nodes.u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
+                    surface.positions[v as usize] + moved.sum::<Vec3>()
+                });
+                let outside = |axis: usize| {
+                    let (low, high) = (centre[axis] - radius, centre[axis] + radius);
+                    corners.iter().all(|p| p[axis] < low) || corners.iter().all(|p| p[axis] > high)
+                };
+                if (0..3).any(outside) {
+                    continue;
+                }
+                let edge = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm()).fold(0.0, f64::max);
+                let edge = edge.max(self.longest_edge[triangle as usize]);
+                let division = ((edge / spacing).ceil() as u32).clamp(1, MAX_DIVISION);
+                for_each_centre(division, |weights| {
+                    let p = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
+                    if (p - centre).norm_squared() >= radius * radius {
+                        return;
+                    }
+                    let (distance, normal) = tool.desc.distance(to_tool.transform_point(&p.into()).coords);
+                    if distance >= 0.0 {
+                        return;
+                    }
+                    let point = Point {
+                        tool: number as u32,
+                        triangle,
+                        start: self.carried.len() as u32,
+                        end: self.carried.len() as u32,
+                        position: p,
+                        normal: pose * normal,
+                        depth: -distance,
+                        tool_velocity: tool.path.velocity(&pose, p, nodes.step),
+                        mass: 0.0,
+                        is_movable: false,
+                        push: 0.0,
+                        drag: Vec3::zeros(),
+                    };
+                    if !self.carry(point, vertices, weights, &model, nodes) {
+                        self.dropped += 1;
+                    }
+                });
+            }
+        }
+    }
+
+    /// Adds a point and the nodes of its row; false where there is no room.
+    fn carry<R: Real>(
+        &mut self,
+        mut point: Point,
+        vertices: [u32; 3],
+        weights: [f64; 3],
+        model: &Model,
+        nodes: &ContactNodes<R>,
+    ) -> bool {
+        if self.points.len() == MAX_POINTS || self.nodes.len() + 3 * ROW > MAX_NODES {
+            return false;
+        }
+        let surface = &model.surfaces()[model.contact_surface()];
+        let start = point.start as usize;
+        for (vertex, share) in vertices.into_iter().zip(weights) {
+            let row = &surface.rows[vertex as usize];
+            for i in (0..ROW).filter(|&i| row.weights[i] != 0.0) {
+                let weight = share * f64::from(row.weights[i]);
+                let local = self.local_node(row.nodes[i], model, nodes);
+                match self.carried[start..].iter_mut().find(|(node, _)| *node == local) {
+                    Some((_, sum)) => *sum += weight,
+                    None => self.carried.push((local, weight)),
+                }
+            }
+        }
+        point.end = self.carried.len() as u32;
+
+        let (mut free, mut all) = (0.0, 0.0);
+        for &(node, weight) in &self.carried[start..] {
+            let node = &self.nodes[node as usize];
+            let along = node.mobility.component_mul(&point.normal).dot(&point.normal);
+            free += weight * weight * along;
+            all += weight * weight * node.inverse_mass;
+        }
+        point.is_movable = free > MOVABLE * all;
+        point.mass = 1.0 / if point.is_movable { free } else { all };
+        self.points.push(point);
+        true
+    }
+
+    /// The local number of a node, which is read when first met.
+    fn local_node<R: Real>(&mut self, slot: u32, model: &Model, nodes: &ContactNodes<R>) -> u32 {
+        let fresh = self.nodes.len() as u32;
+        let local = self.index.find_or_insert(slot, fresh);
+        if local == fresh {
+            let inverse_mass =
+                1.0 / model.lattice().node_mass(slot, |material| nodes.corner_kg[usize::from(material)]);
+            let flags = nodes.flags[slot as usize];
+            let mobility =
+                Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { inverse_mass } else { 0.0 });
+            let velocity = nodes.v.vec3(slot);
+            self.nodes.push(TouchedNode { slot, mobility, inverse_mass, velocity, change: Vec3::zeros() });
+        }
+        local
+    }
+
+    /// Finds impulses that put every point on its tool, for a move that takes `move_s` of the substep `dt`.
+    fn project(&mut self, tools: &[ToolStep], dt: f64, move_s: f64) {
+        let limit = PUSH_LIMIT * self.model.lattice().cell_m();
+        for sweep in 0..SWEEPS {
+            for point in &mut self.points {
+                let carried = &self.carried[point.start as usize..point.end as usize];
+                let tool = &tools[point.tool as usize];
+                let target = point.depth.min(limit + point.tool_velocity.norm() * move_s);
+                if !point.is_movable {
+                    if sweep == 0 {
+                        point.push = point.mass * point.depth / dt;
+                    }
+                    continue;
+                }
+
+                // Along the normal: the rest of the depth, by pushing alone.
+                let velocity = |nodes: &[TouchedNode]| -> (Vec3, Vec3) {
+                    carried.iter().fold(
+                        (Vec3::zeros(), Vec3::zeros()),
+                        |(before, change), &(node, weight)| {
+                            let node = &nodes[node as usize];
+                            (before + node.velocity * weight, change + node.change * weight)
+                        },
+                    )
+                };
+                let (before, change) = velocity(&self.nodes);
+                let wanted = point.push + point.mass * (target / dt - change.dot(&point.normal));
+                let pushed = wanted.max(0.0) - point.push;
+                point.push += pushed;
+
+                // Across it: with the tool, inside Coulomb's cone.
+                let slip = before + change - point.tool_velocity;
+                let slip = slip - point.normal * slip.dot(&point.normal);
+                let cone = tool.desc.friction * point.push;
+                let mut drag = point.drag - slip * point.mass;
+                let size = drag.norm();
+                if size > cone {
+                    drag *= cone / size;
+                }
+                let dragged = drag - point.drag;
+                point.drag = drag;
+
+                let impulse = point.normal * pushed + dragged;
+                for &(node, weight) in carried {
+                    let node = &mut self.nodes[node as usize];
+                    node.change += node.mobility.component_mul(&impulse) * weight;
+                }
+            }
+        }
+    }
+
+    /// Writes the changed velocities and displacements, and adds up what tools gave.
+    fn apply<R: Real>(
+        &mut self,
+        tools: &[ToolStep],
+        t: f64,
+        nodes: &mut ContactNodes<R>,
+        sums: &mut [ToolSum],
+    ) {
+        for node in self.nodes.iter().filter(|node| node.change != Vec3::zeros()) {
+            nodes.v.set(node.slot, node.velocity + node.change);
+            let u = nodes.u.vec3(node.slot);
+            nodes.u.set(node.slot, u + node.change * nodes.dt);
+            let brick = node.slot / BRICK_SLOTS as u32;
+            let has_room = self.touched_bricks.len() < self.touched_bricks.capacity();
+            if self.touched_bricks.last() != Some(&brick) && has_room {
+                self.touched_bricks.push(brick);
+            }
+        }
+        for point in self.points.iter().filter(|p| p.push > 0.0) {
+            let tool = &tools[point.tool as usize];
+            let origin = tool.path.at(t).translation.vector;
+            let impulse = point.normal * point.push + point.drag;
+            let sum = &mut sums[point.tool as usize];
+            sum.impulse.force_n -= impulse;
+            sum.impulse.torque_n_m -= (point.position - origin).cross(&impulse);
+            sum.work_j += impulse.dot(&point.tool_velocity);
+        }
+    }
+}
+
+/// Barycentric coordinates of the centres of the n² equal triangles that an edge division by n gives.
+fn for_each_centre(n: u32, mut visit: impl FnMut([f64; 3])) {
+    let third = 1.0 / (3.0 * f64::from(n));
+    for i in 0..n {
+        for j in 0..n - i {
+            let (a, b) = (f64::from(3 * i + 1) * third, f64::from(3 * j + 1) * third);
+            visit([1.0 - a - b, a, b]);
+            // The triangle that points the other way shares the edge opposite to corner (i, j).
+            if i + j + 2 <= n {
+                let (a, b) = (f64::from(3 * i + 2) * third, f64::from(3 * j + 2) * third);
+                visit([1.0 - a - b, a, b]);
+            }
+        }
+    }
+}
+
+/// Local numbers of slots: open addressing in a table that is never more than half full.
+#[derive(Debug)]
+struct NodeIndex {
+    /// Slot and local number; the slot is `u32::MAX` where free.
+    table: Vec<(u32, u32)>,
+    used: Vec<u32>,
+}
+
+impl NodeIndex {
+    fn new() -> Self {
+        Self { table: vec![(u32::MAX, 0); 2 * MAX_NODES], used: Vec::with_capacity(MAX_NODES) }
+    }
+
+    fn clear(&mut self) {
+        for &at in &self.used {
+            self.table[at as usize].0 = u32::MAX;
+        }
+        self.used.clear();
+    }
+
+    fn find_or_insert(&mut self, slot: u32, fresh: u32) -> u32 {
+        let mask = self.table.len() - 1;
+        let mut at = slot.wrapping_mul(2_654_435_769) as usize & mask;
+        loop {
+            let (found, local) = self.table[at];
+            if found == slot {
+                return local;
+            }
+            if found == u32::MAX {
+                self.table[at] = (slot, fresh);
+                self.used.push(at as u32);
+                return fresh;
+            }
+            at = (at + 1) & mask;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn division_covers_the_triangle_evenly() {
+        for n in 1..6 {
+            let (mut count, mut sum) = (0, Vec3::zeros());
+            for_each_centre(n, |w| {
+                assert!((w[0] + w[1] + w[2] - 1.0).abs() < 1e-15 && w.iter().all(|x| *x > 0.0));
+                count += 1;
+                sum += Vec3::from(w);
+            });
+            assert_eq!(count, n * n);
+            assert!((sum / f64::from(count) - Vec3::repeat(1.0 / 3.0)).norm() < 1e-14);
+        }
+    }
+}

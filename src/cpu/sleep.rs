@@ -1,0 +1,174 @@
+//! Quiet bricks fall asleep and stay as anchors for their neighbours.
+//!
+//! A brick sleeps when for 32 substeps no node was faster than [`Thresholds::speed`] nor accelerated (by inner forces and gravity) more
+//! than [`Thresholds::acceleration`]. Its displacements stay where they are and its neighbours go on pulling at them: a sleeping
+//! node is a fixed anchor, not a missing one. Every few substeps the sleeping bricks next to awake ones are evaluated
+//! without being moved; one whose nodes would accelerate wakes. So the unbalanced force that sleep hides stays below m a everywhere,
+//! and the error in displacement below ρ a L² / (2 E).
+
+use super::lattice::{MAX_RUN, Mark};
+use super::nodes::{Bricks, Run};
+use crate::model::lattice::NO_BRICK;
+
+/// Substeps of quiet before a brick sleeps.
+const QUIET_SUBSTEPS: u8 = 32;
+/// Every so many substeps the neighbours of awake bricks are looked at.
+const WATCH_EVERY: u64 = 4;
+/// A sleeper wakes at this multiple of the acceleration below which it may sleep.
+const WAKE_FACTOR: f32 = 2.0;
+
+/// When a brick counts as quiet.
+#[derive(Clone, Copy, Debug)]
+pub struct Thresholds {
+    /// In m/s.
+    pub speed: f32,
+    /// In m/s².
+    pub acceleration: f32,
+}
+
+impl Thresholds {
+    /// 10 µm/s and 0.02 m/s², or what rounding makes of a displacement of 1 mm where the model is so stiff that this is more:
+    /// `omega` is its highest angular frequency in rad/s, `epsilon` the scalar's rounding.
+    pub fn new(omega: f64, epsilon: f64) -> Self {
+        let noise = epsilon * 1e-3 * omega * omega;
+        let acceleration = noise.max(0.02);
+        Self { speed: (1e-5 * acceleration / 0.02) as f32, acceleration: acceleration as f32 }
+    }
+}
+
+/// Which bricks sleep, and the runs that a substep walks.
+#[derive(Debug)]
+pub struct Sleep {
+    thresholds: Thresholds,
+    is_asleep: Vec<bool>,
+    quiet: Vec<u8>,
+    awake: Vec<Run>,
+    watched: Vec<Run>,
+    awake_nodes: u64,
+    nodes_in: Vec<u8>,
+    substep: u64,
+}
+
+impl Sleep {
+    /// Everything awake.
+    pub fn new(bricks: &Bricks, thresholds: Thresholds) -> Self {
+        let count = bricks.count();
+        let nodes_in = bricks
+            .model
+            .lattice()
+            .words()
+            .chunks_exact(crate::model::lattice::BRICK_SLOTS)
+            .map(|brick| brick.iter().filter(|&&word| word != 0).count() as u8)
+            .collect();
+        let mut sleep = Self {
+            thresholds,
+            is_asleep: vec![false; count],
+            quiet: vec![0; count],
+            awake: Vec::with_capacity(count),
+            watched: Vec::with_capacity(count),
+            awake_nodes: 0,
+            nodes_in,
+            substep: 0,
+        };
+        sleep.list(bricks);
+        sleep
+    }
+
+    /// Runs of awake bricks.
+    pub fn awake(&self) -> &[Run] {
+        &self.awake
+    }
+
+    /// Runs of sleeping bricks that the coming substep looks at; empty in most substeps.
+    pub fn watched(&self) -> &[Run] {
+        if self.substep.is_multiple_of(WATCH_EVERY) { &self.watched } else { &[] }
+    }
+
+    /// Nodes in awake bricks.
+    pub fn awake_nodes(&self) -> u64 {
+        self.awake_nodes
+    }
+
+    /// Whether a brick sleeps.
+    pub fn is_asleep(&self, brick: usize) -> bool {
+        self.is_asleep[brick]
+    }
+
+    /// Wakes everything.
+    pub fn wake_all(&mut self, bricks: &Bricks) {
+        self.quiet.fill(0);
+        if self.is_asleep.contains(&true) {
+            self.is_asleep.fill(false);
+            self.list(bricks);
+        }
+    }
+
+    /// After a substep: wakes the touched bricks with their neighbours and the sleepers that would move, puts quiet bricks to sleep by
+    /// calling `stop` for each.
+    pub fn update(
+        &mut self,
+        bricks: &Bricks,
+        marks: &[Mark],
+        touched: impl Iterator<Item = u32>,
+        mut stop: impl FnMut(usize),
+    ) {
+        let mut has_changed = false;
+        let watched = if self.substep.is_multiple_of(WATCH_EVERY) { self.watched.len() } else { 0 };
+        self.substep += 1;
+
+        let wake = (WAKE_FACTOR * self.thresholds.acceleration).powi(2);
+        for run in 0..watched {
+            let Run { first, bricks: count } = self.watched[run];
+            for brick in (first..first + count).filter(|&b| marks[b].acceleration2 > wake) {
+                has_changed |= std::mem::take(&mut self.is_asleep[brick]);
+                self.quiet[brick] = 0;
+            }
+        }
+        let (speed2, acceleration2) = (self.thresholds.speed.powi(2), self.thresholds.acceleration.powi(2));
+        for run in 0..self.awake.len() {
+            let Run { first, bricks: count } = self.awake[run];
+            for brick in first..first + count {
+                let mark = &marks[brick];
+                if mark.speed2 < speed2 && mark.acceleration2 < acceleration2 {
+                    self.quiet[brick] += 1;
+                } else {
+                    self.quiet[brick] = 0;
+                }
+            }
+        }
+        for brick in touched {
+            for &near in &bricks.neighbours[brick as usize] {
+                if near != NO_BRICK {
+                    has_changed |= std::mem::take(&mut self.is_asleep[near as usize]);
+                    self.quiet[near as usize] = 0;
+                }
+            }
+        }
+        for run in 0..self.awake.len() {
+            let Run { first, bricks: count } = self.awake[run];
+            for brick in first..first + count {
+                if self.quiet[brick] >= QUIET_SUBSTEPS && !self.is_asleep[brick] {
+                    self.is_asleep[brick] = true;
+                    has_changed = true;
+                    stop(brick);
+                }
+            }
+        }
+        if has_changed {
+            self.list(bricks);
+        }
+    }
+
+    /// Lists the runs anew, in memory taken at creation.
+    fn list(&mut self, bricks: &Bricks) {
+        let Self { is_asleep, awake, watched, nodes_in, .. } = self;
+        bricks.list_runs(MAX_RUN, |b| !is_asleep[b], awake);
+        let near_awake = |b: usize| {
+            let mut near = bricks.neighbours[b].iter();
+            is_asleep[b] && near.any(|&n| n != NO_BRICK && !is_asleep[n as usize])
+        };
+        bricks.list_runs(MAX_RUN, near_awake, watched);
+        self.awake_nodes =
+            (0..is_asleep.len()).filter(|&b| !is_asleep[b]).map(|b| u64::from(nodes_in[b])).sum();
+    }
+}

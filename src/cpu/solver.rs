@@ -1,0 +1,488 @@
+//! The processor's backend: one simulation's state, and how its threads take a step.
+//!
+//! In each substep all threads claim runs of bricks and advance them; then one thread alone applies loads, moves rigid regions, resolves
+//! contact and decides who sleeps, while the others wait. Which thread advances a run changes nothing, so neither does their number.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+
+use super::contact::{ContactNodes, ContactSurface};
+use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
+use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
+use super::sleep::{Sleep, Thresholds};
+use super::stability;
+use super::surface;
+use super::workers::{Member, Workers};
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::lattice::{BRICK_SLOTS, NO_BRICK, flag};
+use crate::solver::load::NodalLoads;
+use crate::solver::tool::Contact;
+use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+
+/// Runs claimed at a time.
+const CLAIM: usize = 2;
+
+/// A simulation's state on the processor.
+#[derive(Debug)]
+pub struct CpuSolver<R: CpuReal> {
+    core: Core<R>,
+    scratches: Vec<Box<Scratch<R>>>,
+    workers: Workers,
+}
+
+#[derive(Debug)]
+struct Core<R: CpuReal> {
+    bricks: Bricks,
+    flags: Vec<u8>,
+    tables: LawTables<R>,
+    corner_kg: [f64; 16],
+    kernel: Kernel<R>,
+    nodes: Nodes<R>,
+    marks: Vec<Mark>,
+    sleep: Sleep,
+    contact: ContactSurface,
+    stable_dt: f64,
+    last_dt: f64,
+    vis_viva: f64,
+    buffers: Buffers<R>,
+}
+
+/// Where the coming substep reads and writes; set while one thread is alone.
+#[derive(Debug)]
+struct Buffers<R> {
+    u: *const super::lanes::Octet<R>,
+    v: *const super::lanes::Octet<R>,
+    u_next: *mut super::lanes::Octet<R>,
+    v_next: *mut super::lanes::Octet<R>,
+    marks: *mut Mark,
+}
+
+// SAFETY: the pointers are to fields that the same `Core` owns.
+unsafe impl<R: Send> Send for Buffers<R> {}
+// SAFETY: see `Pass`: threads write disjoint bricks through them.
+unsafe impl<R: Sync> Sync for Buffers<R> {}
+
+/// A pointer that threads of one job share; who may use it when is said where it is used.
+struct Shared<T: ?Sized>(*mut T);
+// SAFETY: access is ordered by the meetings of the job.
+unsafe impl<T: ?Sized> Sync for Shared<T> {}
+
+impl<R: CpuReal> CpuSolver<R> {
+    /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included.
+    pub fn new(model: Arc<Model>, threads: usize) -> Self {
+        let lattice = model.lattice();
+        let tables = LawTables::<R>::new(model.laws(), lattice.cell_m());
+        let bricks = Bricks::new(model.clone());
+        let count = bricks.count();
+        let mut core = Core {
+            flags: lattice.flags().to_vec(),
+            corner_kg: std::array::from_fn(|m| model.laws()[m].corner_kg),
+            kernel: R::kernel(&tables),
+            nodes: Nodes::at_rest(count, tables.damped),
+            marks: vec![Mark::default(); count],
+            sleep: Sleep::new(&bricks, Thresholds { speed: 0.0, acceleration: 0.0 }),
+            contact: ContactSurface::new(model.clone()),
+            stable_dt: 0.0,
+            last_dt: 0.0,
+            vis_viva: 0.0,
+            buffers: Buffers {
+                u: std::ptr::null(),
+                v: std::ptr::null(),
+                u_next: std::ptr::null_mut(),
+                v_next: std::ptr::null_mut(),
+                marks: std::ptr::null_mut(),
+            },
+            tables,
+            bricks,
+        };
+        let omega = core.highest_frequency();
+        let damping = model.laws().iter().map(|law| law.damping_s).fold(0.0, f64::max);
+        core.stable_dt = stability::stable_dt(omega, damping);
+        let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        core.sleep = Sleep::new(&core.bricks, Thresholds::new(omega, epsilon));
+        let workers = Workers::new(threads);
+        let scratches = (0..threads).map(|_| Scratch::new()).collect();
+        Self { core, scratches, workers }
+    }
+}
+
+impl<R: CpuReal> Solver for CpuSolver<R> {
+    fn stable_dt(&self) -> f64 {
+        self.core.stable_dt
+    }
+
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> StepReport {
+        self.core.begin(plan);
+        let mut report = StepReport::default();
+        let (core, scratches) = (Shared(&raw mut self.core), Shared(self.scratches.as_mut_ptr()));
+        let (sums, report_at) = (Shared(&raw mut *sums), Shared(&raw mut report));
+        let claims = [AtomicUsize::new(0), AtomicUsize::new(0)];
+        let stop = AtomicBool::new(false);
+
+        self.workers.run(&|member: &Member| {
+            let (core, scratches, sums, report) = (&core, &scratches, &sums, &report_at);
+            for substep in 0..plan.substeps {
+                {
+                    // SAFETY: until the meeting every thread only reads the core, but for the bricks that it claims; each has a
+                    // scratch of its own.
+                    let (core, scratch) = unsafe { (&*core.0, &mut *scratches.0.add(member.index)) };
+                    core.advance_claimed(plan, &claims[substep as usize & 1], scratch);
+                }
+                member.meet();
+                if member.index == 0 {
+                    // SAFETY: the other threads wait at the next meeting and hold no reference.
+                    let (core, sums, report) = unsafe { (&mut *core.0, &mut *sums.0, &mut *report.0) };
+                    claims[substep as usize & 1].store(0, Ordering::Relaxed);
+                    core.finish(plan, substep, sums, report);
+                    stop.store(report.has_diverged, Ordering::Relaxed);
+                }
+                // The meeting orders the stores above before what other threads read next.
+                member.meet();
+                if stop.load(Ordering::Relaxed) {
+                    break;
+                }
+            }
+        });
+        self.core.measure(&mut report);
+        report
+    }
+
+    fn contacts(&self, tool: usize) -> Vec<Contact> {
+        self.core.contact.contacts_of(tool as u32, self.core.last_dt).collect()
+    }
+
+    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) {
+        surface::publish(
+            &self.core.bricks.model,
+            index,
+            &self.core.nodes.u,
+            field,
+            arrays,
+            &mut self.workers,
+        );
+    }
+
+    fn displacement(&self, slot: u32) -> Vec3 {
+        self.core.nodes.u.vec3(slot)
+    }
+
+    fn velocity(&self, slot: u32) -> Vec3 {
+        self.core.nodes.v.vec3(slot)
+    }
+
+    fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
+        let nodes = &mut self.core.nodes;
+        nodes.u.set(slot, displacement);
+        nodes.u_next.set(slot, displacement);
+        nodes.v.set(slot, velocity);
+        if let Some(v_next) = &mut nodes.v_next {
+            v_next.set(slot, velocity);
+        }
+        self.core.sleep.wake_all(&self.core.bricks);
+    }
+
+    fn accelerations(&mut self) -> Vec<Vec3> {
+        self.core.accelerations()
+    }
+
+    fn wake(&mut self) {
+        self.core.sleep.wake_all(&self.core.bricks);
+    }
+
+    fn reset(&mut self) {
+        let core = &mut self.core;
+        core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);
+        core.contact.clear();
+        core.vis_viva = 0.0;
+        core.sleep.wake_all(&core.bricks);
+    }
+
+    fn node_bytes(&self) -> u64 {
+        let core = &self.core;
+        let fields = 3 + u64::from(core.nodes.v_next.is_some());
+        let brick = fields * (BRICK_OCTETS * 8 * size_of::<R>()) as u64
+            + (BRICK_SLOTS * (size_of::<u32>() + 2 * size_of::<u8>())) as u64
+            + (size_of::<[u32; 27]>() + size_of::<u16>() + size_of::<Mark>()) as u64
+            + (size_of::<bool>() + 2 * size_of::<u8>() + 2 * size_of::<Run>() + size_of::<[u16; 3]>()) as u64;
+        brick * core.bricks.count() as u64
+    }
+}
+
+impl<R: CpuReal> Core<R> {
+    /// Prepares a step: who may be touched, and where the first substep reads and writes.
+    fn begin(&mut self, plan: &StepPlan) {
+        if !plan.sleeping {
+            self.sleep.wake_all(&self.bricks);
+        }
+        self.last_dt = plan.dt;
+        self.contact.clear();
+        if !plan.tools.is_empty() {
+            let duration = plan.dt * f64::from(plan.substeps);
+            let fastest = self.marks.iter().map(|m| m.speed2).fold(0.0, f32::max);
+            // Tissue that a tool pushes moves no faster than the tool.
+            let tools =
+                plan.tools.iter().map(|t| t.path.reach(t.desc.bounding_radius_m())).fold(0.0, f64::max);
+            let margin =
+                f64::from(fastest).sqrt() * duration + tools + 0.5 * self.bricks.model.lattice().cell_m();
+            let (marks, bricks) = (&self.marks, &self.bricks);
+            let moved = |brick: u32| {
+                let near = bricks.neighbours[brick as usize].iter().filter(|&&n| n != NO_BRICK);
+                f64::from(near.map(|&n| marks[n as usize].displacement2).fold(0.0, f32::max)).sqrt()
+            };
+            self.contact.gather(plan.tools, moved, margin);
+        }
+        self.aim();
+    }
+
+    /// Points the buffers at the current fields.
+    fn aim(&mut self) {
+        let nodes = &mut self.nodes;
+        let v = nodes.v.0.as_mut_ptr();
+        self.buffers = Buffers {
+            u: nodes.u.0.as_ptr(),
+            v,
+            u_next: nodes.u_next.0.as_mut_ptr(),
+            v_next: nodes.v_next.as_mut().map_or(v, |field| field.0.as_mut_ptr()),
+            marks: self.marks.as_mut_ptr(),
+        };
+    }
+
+    /// Claims runs and advances them until none is left.
+    fn advance_claimed(&self, plan: &StepPlan, claims: &AtomicUsize, scratch: &mut Scratch<R>) {
+        let g = plan.gravity;
+        let pass = |watch: bool| Pass {
+            bricks: &self.bricks,
+            flags: &self.flags,
+            laws: &self.tables,
+            u: self.buffers.u,
+            v: self.buffers.v,
+            u_next: self.buffers.u_next,
+            v_next: self.buffers.v_next,
+            marks: self.buffers.marks,
+            dt: plan.dt,
+            gravity: [g.x, g.y, g.z],
+            keep: 1.0 / (1.0 + plan.drag_per_s * plan.dt),
+            watch,
+        };
+        let (awake, watched) = (self.sleep.awake(), self.sleep.watched());
+        let (advance, watch) = (pass(false), pass(true));
+        loop {
+            // Relaxed: a claim only has to be made once; the meetings order everything else.
+            let first = claims.fetch_add(CLAIM, Ordering::Relaxed);
+            if first >= awake.len() + watched.len() {
+                return;
+            }
+            for run in first..(first + CLAIM).min(awake.len() + watched.len()) {
+                let (pass, run) = if run < awake.len() {
+                    (&advance, awake[run])
+                } else {
+                    (&watch, watched[run - awake.len()])
+                };
+                // SAFETY: a run is claimed by one thread; awake and watched runs share no brick; nobody writes what is read.
+                unsafe { (self.kernel)(pass, run, scratch) };
+            }
+        }
+    }
+
+    /// What one thread does alone after all runs have advanced.
+    fn finish(&mut self, plan: &StepPlan, substep: u32, sums: &mut [ToolSum], report: &mut StepReport) {
+        let duration = plan.dt * f64::from(plan.substeps);
+        let span = [0, 1].map(|end| f64::from(substep + end) / f64::from(plan.substeps));
+        let keep = 1.0 / (1.0 + plan.drag_per_s * plan.dt);
+        for loads in plan.loads {
+            self.push(loads, plan.dt, keep);
+        }
+        for region in plan.regions {
+            self.drive(region, span[1], plan.dt);
+        }
+        let Nodes { u_next, v, v_next, .. } = &mut self.nodes;
+        let mut nodes = ContactNodes {
+            u: u_next,
+            v: v_next.as_mut().unwrap_or(v),
+            flags: &self.flags,
+            corner_kg: &self.corner_kg,
+            dt: plan.dt,
+            step: duration,
+        };
+        self.contact.resolve(plan.tools, span, &mut nodes, sums);
+
+        report.contact_points = self.contact.point_count() as u32;
+        if self.has_diverged(plan.dt) {
+            report.has_diverged = true;
+            self.nodes.v.0.fill(Default::default());
+            return;
+        }
+        report.substeps = substep + 1;
+        self.nodes.swap();
+
+        let vis_viva: f64 = self
+            .sleep
+            .awake()
+            .iter()
+            .flat_map(|run| &self.marks[run.first..run.end()])
+            .map(|m| f64::from(m.vis_viva))
+            .sum();
+        if plan.kinetic_damping && vis_viva < self.vis_viva {
+            self.nodes.v.0.fill(Default::default());
+            self.vis_viva = 0.0;
+        } else {
+            self.vis_viva = vis_viva;
+        }
+        if plan.sleeping {
+            self.put_to_sleep(plan);
+        }
+        self.aim();
+    }
+
+    /// Changes velocity and the displacement to come of a node.
+    fn kick(&mut self, slot: u32, dv: Vec3, dt: f64) {
+        let flags = self.flags[slot as usize];
+        let dv = Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { dv[axis] } else { 0.0 });
+        let Nodes { u_next, v, v_next, .. } = &mut self.nodes;
+        let v = v_next.as_mut().unwrap_or(v);
+        v.set(slot, v.vec3(slot) + dv);
+        u_next.set(slot, u_next.vec3(slot) + dv * dt);
+    }
+
+    /// Applies a load for one substep.
+    fn push(&mut self, loads: &NodalLoads, dt: f64, keep: f64) {
+        let per_mass = |core: &Self, slot: u32| {
+            dt * keep / core.bricks.model.lattice().node_mass(slot, |m| core.corner_kg[usize::from(m)])
+        };
+        for &(slot, force) in &loads.forces {
+            self.kick(slot, force * per_mass(self, slot), dt);
+        }
+        let model = self.bricks.model.clone();
+        for &(corners, pressure) in &loads.pressed {
+            // The vector area of a quadrilateral is half the cross product of its diagonals; displacements before this substep, so
+            // that faces do not see each other's kicks.
+            let at = corners.map(|slot| model.lattice().rest_position(slot) + self.nodes.u.vec3(slot));
+            let area = 0.5 * (at[2] - at[0]).cross(&(at[3] - at[1]));
+            for slot in corners {
+                self.kick(slot, -area * (pressure / 4.0) * per_mass(self, slot), dt);
+            }
+        }
+    }
+
+    /// Moves a rigid region to where it is after the fraction `t` of the step.
+    fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) {
+        let pose = region.from.try_lerp_slerp(&region.to, t, 1e-9).unwrap_or(region.to);
+        let model = self.bricks.model.clone();
+        let Nodes { u, u_next, v, v_next } = &mut self.nodes;
+        let v = v_next.as_mut().unwrap_or(v);
+        for &slot in &model.regions()[&region.label] {
+            let rest = model.lattice().rest_position(slot);
+            let moved = pose.transform_point(&rest.into()).coords - rest;
+            v.set(slot, (moved - u.vec3(slot)) / dt);
+            u_next.set(slot, moved);
+        }
+    }
+
+    /// Whether any node moved further than a cell in this substep, or nowhere finite.
+    fn has_diverged(&self, dt: f64) -> bool {
+        let limit = (self.bricks.model.lattice().cell_m() / dt).powi(2);
+        let mut marks = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
+        // A comparison with NaN is false.
+        !marks.all(|mark| f64::from(mark.speed2) < limit)
+    }
+
+    fn put_to_sleep(&mut self, plan: &StepPlan) {
+        let Self { bricks, marks, sleep, contact, nodes, .. } = self;
+        let brick_of = |slot: &u32| slot / BRICK_SLOTS as u32;
+        let loaded = plan.loads.iter().flat_map(|loads| {
+            let forced = loads.forces.iter().map(|(slot, _)| slot);
+            forced.chain(loads.pressed.iter().flat_map(|(corners, _)| corners))
+        });
+        let model = bricks.model.clone();
+        let driven = plan.regions.iter().flat_map(|region| &model.regions()[&region.label]);
+        let touched = contact.touched_bricks().iter().copied().chain(loaded.chain(driven).map(brick_of));
+        sleep.update(bricks, marks, touched, |brick| {
+            // The other copy must say the same, for nobody writes it now.
+            let octets = brick * BRICK_OCTETS..(brick + 1) * BRICK_OCTETS;
+            nodes.u_next.0[octets.clone()].copy_from_slice(&nodes.u.0[octets.clone()]);
+            nodes.v.0[octets.clone()].fill(Default::default());
+            if let Some(v_next) = &mut nodes.v_next {
+                v_next.0[octets].fill(Default::default());
+            }
+        });
+    }
+
+    /// Sums up what the marks of the last substep say.
+    fn measure(&self, report: &mut StepReport) {
+        report.awake_nodes = self.sleep.awake_nodes();
+        report.kinetic_j = 0.5 * self.vis_viva;
+        let largest = |f: fn(&Mark) -> f32| f64::from(self.marks.iter().map(f).fold(0.0, f32::max));
+        report.strain = largest(|m| m.strain);
+        report.volume_ratio = [1.0 - largest(|m| m.shrinking), 1.0 + largest(|m| m.swelling)];
+        let awake = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
+        report.acceleration_m_s2 = f64::from(awake.map(|m| m.acceleration2).fold(0.0, f32::max)).sqrt();
+    }
+
+    /// Accelerations by inner forces, without moving anything.
+    fn accelerations(&self) -> Vec<Vec3> {
+        let field = self.forces_of(&self.nodes.u);
+        (0..self.flags.len() as u32).map(|slot| field.vec3(slot)).collect()
+    }
+
+    /// Accelerations by the springs and volumes that a displacement field strains.
+    fn forces_of(&self, u: &Field<R>) -> Field<R> {
+        let count = self.bricks.count();
+        // From rest, one second at constant acceleration leaves a velocity of that size.
+        let (v, mut u_next, mut v_next) =
+            (Field::<R>::zeros(count), Field::<R>::zeros(count), Field::<R>::zeros(count));
+        let mut marks = vec![Mark::default(); count];
+        let pass = Pass {
+            bricks: &self.bricks,
+            flags: &self.flags,
+            laws: &self.tables,
+            u: u.0.as_ptr(),
+            v: v.0.as_ptr(),
+            u_next: u_next.0.as_mut_ptr(),
+            v_next: v_next.0.as_mut_ptr(),
+            marks: marks.as_mut_ptr(),
+            dt: 1.0,
+            gravity: [0.0; 3],
+            keep: 1.0,
+            watch: false,
+        };
+        let mut runs = Vec::new();
+        self.bricks.list_runs(super::lattice::MAX_RUN, |_| true, &mut runs);
+        let mut scratch = Scratch::new();
+        for run in runs {
+            // SAFETY: this thread is alone, and all fields have the size of the model.
+            unsafe { (self.kernel)(&pass, run, &mut scratch) };
+        }
+        v_next
+    }
+
+    /// Highest angular frequency of the model at rest.
+    fn highest_frequency(&self) -> f64 {
+        let lattice = self.bricks.model.lattice();
+        let (h, slots) = (lattice.cell_m(), lattice.slot_count() as u32);
+        let mut mass = vec![0.0; 3 * slots as usize];
+        for slot in (0..slots).filter(|&s| lattice.words()[s as usize] != 0) {
+            let m = lattice.node_mass(slot, |material| self.corner_kg[usize::from(material)]);
+            for axis in 0..3 {
+                if self.flags[slot as usize] & (flag::FIX_X << axis) == 0 {
+                    mass[3 * slot as usize + axis] = m;
+                }
+            }
+        }
+        let mut field = Field::<R>::zeros(self.bricks.count());
+        stability::highest_frequency(&mass, |u| {
+            // Forces are linear for displacements this small, and lose nothing to rounding: they are computed from differences.
+            let most = u.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            let scale = 1e-7 * h / most.max(1e-300);
+            for slot in 0..slots {
+                let at = 3 * slot as usize;
+                field.set(slot, Vec3::new(u[at], u[at + 1], u[at + 2]) * scale);
+            }
+            let a = self.forces_of(&field);
+            for slot in 0..slots {
+                let a = -a.vec3(slot) / scale;
+                u[3 * slot as usize..3 * slot as usize + 3].copy_from_slice(a.as_slice());
+            }
+        })
+    }
+}

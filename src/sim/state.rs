@@ -1,0 +1,409 @@
+//! What a simulation consists of besides its model, and how it takes a step.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::tool_port::{self, ToolEnd, ToolPort};
+use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
+use crate::cpu::solver::CpuSolver;
+use crate::cpu::stability::strain_factor;
+use crate::error::{Error, Result};
+use crate::math::{Pose, Vec3};
+use crate::model::{Model, energy};
+use crate::solver::load::NodalLoads;
+use crate::solver::statistics::{Energy, Statistics};
+use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolMotion, ToolPath, Wrench};
+use crate::solver::{
+    RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum,
+};
+
+/// Share of the stable step that is used: the frequency it comes from is a lower bound, within a percent or so.
+const SAFETY: f64 = 0.95;
+/// Strain that a step is prepared for beyond what was last seen, as |1 − L / l|: a tool may add as much in one step.
+const STRAIN_AHEAD: f64 = 0.05;
+/// Substeps between two looks at whether the tissue has settled.
+const SETTLE_BLOCK: u32 = 50;
+
+/// A simulation's state.
+#[derive(Debug)]
+pub(super) struct State {
+    pub model: Arc<Model>,
+    pub solver: Box<dyn Solver>,
+    desc: SimDesc,
+    rest_gravity: Vec3,
+    tools: Vec<ToolEnd>,
+    load_ids: Vec<LoadId>,
+    loads: Vec<NodalLoads>,
+    /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
+    regions: BTreeMap<u16, (Pose, Pose)>,
+    next_id: u64,
+    poisson: f64,
+    report: StepReport,
+    statistics: Statistics,
+    tool_work_j: f64,
+    diverged_at: Option<f64>,
+    /// Tools of the last plan, and their indices in `tools`.
+    steps: Vec<ToolStep>,
+    planned: Vec<usize>,
+    sums: Vec<ToolSum>,
+    moved_regions: Vec<RegionStep>,
+}
+
+impl State {
+    pub fn new(model: Arc<Model>, desc: SimDesc) -> Result<Self> {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let threads = if desc.threads == 0 { cores } else { desc.threads };
+        let solver: Box<dyn Solver> = match desc.precision {
+            Precision::Single => Box::new(CpuSolver::<f32>::new(model.clone(), threads)),
+            Precision::Double => Box::new(CpuSolver::<f64>::new(model.clone(), threads)),
+        };
+        let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
+        let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
+        let mut state = Self {
+            statistics: Statistics {
+                stable_substep_s: solver.stable_dt(),
+                node_count: model.lattice().node_count() as u64,
+                node_bytes: solver.node_bytes(),
+                volume_ratio: [1.0, 1.0],
+                ..Statistics::default()
+            },
+            solver,
+            desc,
+            rest_gravity,
+            tools: Vec::with_capacity(MAX_TOOLS),
+            load_ids: Vec::new(),
+            loads: Vec::new(),
+            regions: BTreeMap::new(),
+            next_id: 1,
+            poisson,
+            report: StepReport::default(),
+            tool_work_j: 0.0,
+            diverged_at: None,
+            steps: Vec::with_capacity(MAX_TOOLS),
+            planned: Vec::with_capacity(MAX_TOOLS),
+            moved_regions: Vec::with_capacity(model.regions().len()),
+            sums: Vec::with_capacity(MAX_TOOLS),
+            model,
+        };
+        let needed = state.substeps_needed();
+        if needed > f64::from(MAX_SUBSTEPS) {
+            return Err(Error::Limit(format!(
+                "a step of {} s would need {needed:.0} substeps of {:.3e} s, more than {MAX_SUBSTEPS}: soften or cap the \
+                 stiffest material, or make it rigid",
+                state.desc.step_s,
+                state.solver.stable_dt()
+            )));
+        }
+        state.note_substeps();
+        Ok(state)
+    }
+
+    pub fn add_tool(&mut self, desc: &ToolDesc) -> Result<ToolPort> {
+        if self.tools.len() == MAX_TOOLS {
+            return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
+        }
+        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc);
+        self.tools.push(end);
+        Ok(port)
+    }
+
+    pub fn remove_tool(&mut self, id: ToolId) -> Result<()> {
+        let index = self.tool_index(id)?;
+        self.tools.remove(index);
+        self.forget_plan();
+        self.solver.wake();
+        Ok(())
+    }
+
+    fn tool_index(&self, id: ToolId) -> Result<usize> {
+        let found = self.tools.iter().position(|tool| tool.id == id);
+        found.ok_or_else(|| Error::argument(format!("there is no tool {} in this simulation", id.0)))
+    }
+
+    pub fn step(&mut self) -> Result<()> {
+        self.refuse_if_diverged()?;
+        let started = Instant::now();
+        let (substeps, dt) = self.note_substeps();
+        self.take_motions();
+        self.advance(substeps, dt, false);
+
+        self.statistics.steps += 1;
+        self.statistics.time_s += dt * f64::from(self.report.substeps);
+        if self.report.has_diverged {
+            return Err(self.note_divergence());
+        }
+        self.publish_forces(dt * f64::from(substeps));
+        let wall = started.elapsed().as_secs_f64();
+        self.statistics.step_wall_s = wall;
+        self.statistics.real_time_factor = self.desc.step_s / wall;
+        Ok(())
+    }
+
+    pub fn settle(&mut self, tolerance: f64, max_substeps: u64) -> Result<f64> {
+        self.refuse_if_diverged()?;
+        self.take_motions();
+        // Regions and tools arrive within the first block, then stay.
+        let mut taken = 0;
+        let mut left = f64::INFINITY;
+        while taken < max_substeps {
+            let (_, dt) = self.note_substeps();
+            let block = u64::from(SETTLE_BLOCK).min(max_substeps - taken) as u32;
+            let before = self.speed_scale(dt);
+            self.advance(block, dt, true);
+            if self.report.has_diverged {
+                return Err(self.note_divergence());
+            }
+            for tool in &mut self.steps {
+                tool.path.from = tool.path.to;
+            }
+            taken += u64::from(block);
+            // Nodes that loads or tools push keep an inner acceleration; what is left there shows in the motion since the last block.
+            left = self.report.acceleration_m_s2.min(self.speed_scale(dt).max(before));
+            if left <= tolerance {
+                break;
+            }
+        }
+        self.solver.wake();
+        Ok(left)
+    }
+
+    /// The root mean square acceleration that would give the present kinetic energy within one substep, in m/s².
+    fn speed_scale(&self, dt: f64) -> f64 {
+        let lattice = self.model.lattice();
+        let mass: f64 =
+            lattice.occupied().map(|(_, m)| 8.0 * self.model.laws()[usize::from(m)].corner_kg).sum();
+        (2.0 * self.report.kinetic_j / mass).sqrt() / dt
+    }
+
+    pub fn reset(&mut self) {
+        self.solver.reset();
+        self.diverged_at = None;
+        self.report = StepReport::default();
+        self.statistics = Statistics {
+            stable_substep_s: self.statistics.stable_substep_s,
+            node_count: self.statistics.node_count,
+            node_bytes: self.statistics.node_bytes,
+            volume_ratio: [1.0, 1.0],
+            ..Statistics::default()
+        };
+        self.tool_work_j = 0.0;
+        self.forget_plan();
+        for region in self.regions.values_mut() {
+            region.0 = Pose::identity();
+        }
+        self.note_substeps();
+    }
+
+    pub fn set_gravity(&mut self, gravity: Vec3) {
+        self.desc.gravity_m_s2 = gravity;
+        self.solver.wake();
+    }
+
+    pub fn add_load(&mut self, loads: NodalLoads) -> LoadId {
+        let id = self.fresh_id();
+        self.load_ids.push(LoadId(id));
+        self.loads.push(loads);
+        self.solver.wake();
+        LoadId(id)
+    }
+
+    pub fn remove_load(&mut self, id: LoadId) -> Result<()> {
+        let found = self.load_ids.iter().position(|&other| other == id);
+        let index =
+            found.ok_or_else(|| Error::argument(format!("there is no load {} in this simulation", id.0)))?;
+        self.load_ids.remove(index);
+        self.loads.remove(index);
+        self.solver.wake();
+        Ok(())
+    }
+
+    pub fn drive_region(&mut self, label: u16, motion: &Pose) -> Result<()> {
+        if !self.model.regions().contains_key(&label) {
+            return Err(Error::argument(format!("label {label} is no rigid region of this model")));
+        }
+        self.regions.entry(label).or_insert((Pose::identity(), *motion)).1 = *motion;
+        Ok(())
+    }
+
+    pub fn contacts(&self, id: ToolId) -> Result<Vec<Contact>> {
+        let index = self.tool_index(id)?;
+        let Some(planned) = self.planned.iter().position(|&p| p == index) else { return Ok(Vec::new()) };
+        let frame = self.model.frame();
+        let mut contacts = self.solver.contacts(planned);
+        for contact in &mut contacts {
+            contact.point_m = frame.transform_point(&contact.point_m.into()).coords;
+            contact.normal = frame * contact.normal;
+            contact.force_n = frame * contact.force_n;
+        }
+        Ok(contacts)
+    }
+
+    pub fn nodes(&self, field: NodeField) -> Vec<Vec3> {
+        let (lattice, frame) = (self.model.lattice(), self.model.frame());
+        let slots = (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0);
+        slots
+            .map(|slot| match field {
+                NodeField::RestPosition => frame.transform_point(&lattice.rest_position(slot).into()).coords,
+                NodeField::Displacement => frame * self.solver.displacement(slot),
+                NodeField::Velocity => frame * self.solver.velocity(slot),
+            })
+            .collect()
+    }
+
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    pub fn energy(&mut self) -> Energy {
+        let lattice = self.model.lattice();
+        let laws = self.model.laws();
+        let half = 0.5 * self.statistics.substep_s;
+        let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
+        let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
+        for slot in (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0) {
+            let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
+            // Velocities lag by half a substep; at the time of the displacements they are this.
+            let v = self.solver.velocity(slot);
+            let moves = v != Vec3::zeros() || accelerations[slot as usize] != Vec3::zeros();
+            let v = if moves { v + (accelerations[slot as usize] + gravity) * half } else { v };
+            kinetic_j += 0.5 * mass * v.norm_squared();
+            gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
+        }
+        let elastic_j = energy::elastic_j(lattice, laws, |slot| self.solver.displacement(slot));
+        Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
+    }
+
+    pub fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
+        self.solver.set_node(slot, displacement, velocity);
+    }
+
+    /// Fills a surface's arrays; gives the simulated time.
+    pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> f64 {
+        self.solver.publish(index, field, arrays);
+        self.statistics.time_s
+    }
+
+    fn fresh_id(&mut self) -> u64 {
+        self.next_id += 1;
+        self.next_id - 1
+    }
+
+    /// Gravity that acts, model frame.
+    fn gravity(&self) -> Vec3 {
+        self.model.frame().rotation.inverse() * (self.desc.gravity_m_s2 - self.rest_gravity)
+    }
+
+    fn substeps_needed(&self) -> f64 {
+        let factor = strain_factor(self.report.strain + STRAIN_AHEAD, self.poisson).max(0.1);
+        (self.desc.step_s / (SAFETY * factor * self.solver.stable_dt())).ceil().max(1.0)
+    }
+
+    /// Chooses the substeps of the next step: how many, and their length.
+    fn note_substeps(&mut self) -> (u32, f64) {
+        let count =
+            self.desc.substeps.unwrap_or_else(|| self.substeps_needed().min(f64::from(MAX_SUBSTEPS)) as u32);
+        let dt = self.desc.step_s / f64::from(count);
+        self.statistics.substeps_per_step = count;
+        self.statistics.substep_s = dt;
+        (count, dt)
+    }
+
+    /// Reads the tools' newest motions and plans their ways in the coming step.
+    fn take_motions(&mut self) {
+        let to_model = self.model.frame().inverse();
+        self.forget_plan();
+        for (index, tool) in self.tools.iter_mut().enumerate() {
+            let Some(motion) = *tool.motion.read().0 else { continue };
+            // A tool appears where it is first set, without having swept the way there.
+            let from = tool.stands.unwrap_or(motion).pose;
+            tool.stands = Some(motion);
+            let path = ToolPath { from: to_model * from, to: to_model * motion.pose };
+            self.planned.push(index);
+            self.steps.push(ToolStep { desc: tool.desc.clone(), path });
+        }
+    }
+
+    fn forget_plan(&mut self) {
+        self.planned.clear();
+        self.steps.clear();
+    }
+
+    fn advance(&mut self, substeps: u32, dt: f64, is_settling: bool) {
+        let frame = self.model.frame();
+        let to_model = |motion: &Pose| frame.inverse() * motion * frame;
+        self.moved_regions.clear();
+        let moved = self.regions.iter().filter(|(_, (from, to))| from != to);
+        self.moved_regions.extend(moved.map(|(&label, (from, to))| RegionStep {
+            label,
+            from: to_model(from),
+            to: to_model(to),
+        }));
+        let plan = StepPlan {
+            substeps,
+            dt,
+            gravity: self.gravity(),
+            drag_per_s: if is_settling { 0.0 } else { self.desc.drag_per_s },
+            tools: &self.steps,
+            regions: &self.moved_regions,
+            loads: &self.loads,
+            sleeping: self.desc.sleeping && !is_settling,
+            kinetic_damping: is_settling,
+        };
+        self.sums.clear();
+        self.sums.resize(self.steps.len(), ToolSum::default());
+        self.report = self.solver.advance(&plan, &mut self.sums);
+        for region in self.regions.values_mut() {
+            region.0 = region.1;
+        }
+
+        let (report, statistics) = (&self.report, &mut self.statistics);
+        statistics.substeps += u64::from(report.substeps);
+        statistics.awake_nodes = report.awake_nodes;
+        statistics.max_strain = report.strain;
+        statistics.volume_ratio = report.volume_ratio;
+        statistics.contact_points = report.contact_points;
+        self.tool_work_j += self.sums.iter().map(|sum| sum.work_j).sum::<f64>();
+    }
+
+    /// Gives each tool the mean wrench of the step. World frame.
+    fn publish_forces(&mut self, duration: f64) {
+        let frame = self.model.frame();
+        for (&index, sum) in self.planned.iter().zip(&self.sums) {
+            let tool = &mut self.tools[index];
+            let motion = tool.stands.expect("a planned tool stands somewhere");
+            tool.force.publish(ToolForce {
+                wrench: Wrench {
+                    force_n: frame * sum.impulse.force_n / duration,
+                    torque_n_m: frame * sum.impulse.torque_n_m / duration,
+                },
+                motion,
+                time_s: self.statistics.time_s,
+                sequence: self.statistics.steps,
+            });
+        }
+    }
+
+    fn refuse_if_diverged(&self) -> Result<()> {
+        match self.diverged_at {
+            None => Ok(()),
+            Some(time_s) => Err(Error::Diverged { time_s, reason: "reset it before the next step".into() }),
+        }
+    }
+
+    /// Freezes the simulation; tools feel nothing.
+    fn note_divergence(&mut self) -> Error {
+        let time_s = self.statistics.time_s;
+        self.diverged_at = Some(time_s);
+        for tool in &mut self.tools {
+            let motion = tool.stands.unwrap_or(ToolMotion::at(Pose::identity()));
+            let wrench = Wrench::default();
+            tool.force.publish(ToolForce { wrench, motion, time_s, sequence: self.statistics.steps });
+        }
+        let dt = self.statistics.substep_s;
+        Error::Diverged {
+            time_s,
+            reason: format!("a node moved further than a cell in a substep of {dt:.3e} s"),
+        }
+    }
+}

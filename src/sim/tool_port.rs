@@ -1,0 +1,84 @@
+//! A tool, from both sides: the servo thread's port and the simulation's end.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::ToolId;
+use crate::channel::latest::{Reader, Writer, latest};
+use crate::error::Result;
+use crate::math::Pose;
+use crate::solver::tool::{ToolDesc, ToolForce, ToolMotion, Wrench};
+
+/// One tool of a simulation, held by its servo thread.
+#[derive(Debug)]
+pub struct ToolPort {
+    id: ToolId,
+    motion: Writer<Option<ToolMotion>>,
+    force: Reader<ToolForce>,
+    is_running: Arc<AtomicBool>,
+}
+
+/// The simulation's end of a tool.
+#[derive(Debug)]
+pub(super) struct ToolEnd {
+    pub id: ToolId,
+    pub desc: Arc<ToolDesc>,
+    pub motion: Reader<Option<ToolMotion>>,
+    pub force: Writer<ToolForce>,
+    /// Where the tool stands, world frame; `None` before its first motion.
+    pub stands: Option<ToolMotion>,
+    is_running: Arc<AtomicBool>,
+}
+
+/// Both ends of a new tool.
+pub(super) fn open(id: ToolId, desc: &ToolDesc) -> (ToolPort, ToolEnd) {
+    let (motion_writer, motion) = latest(None);
+    let (force, force_reader) = latest(ToolForce {
+        wrench: Wrench::default(),
+        motion: ToolMotion::at(Pose::identity()),
+        time_s: 0.0,
+        sequence: 0,
+    });
+    let is_running = Arc::new(AtomicBool::new(true));
+    let end = ToolEnd {
+        id,
+        desc: Arc::new(desc.clone()),
+        motion,
+        force,
+        stands: None,
+        is_running: is_running.clone(),
+    };
+    (ToolPort { id, motion: motion_writer, force: force_reader, is_running }, end)
+}
+
+impl ToolPort {
+    /// Names the tool to its simulation's owner, who must not touch a port that a servo thread is using.
+    pub fn id(&self) -> ToolId {
+        self.id
+    }
+
+    /// Says where the tool is. The simulation moves it there over its next step. Wait-free: no lock, allocation or system call, unless
+    /// the motion is refused.
+    pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
+        motion.check()?;
+        self.motion.publish(Some(*motion));
+        Ok(())
+    }
+
+    /// The newest force. Wait-free.
+    pub fn force(&mut self) -> ToolForce {
+        *self.force.read().0
+    }
+
+    /// Whether the simulation still exists and still has this tool. Wait-free.
+    pub fn is_running(&self) -> bool {
+        // Relaxed: nothing else is read on the strength of this.
+        self.is_running.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for ToolEnd {
+    fn drop(&mut self) {
+        self.is_running.store(false, Ordering::Relaxed);
+    }
+}

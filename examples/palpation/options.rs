@@ -31,7 +31,7 @@ pub struct Options {
     pub tool: ToolKind,
 
     /// Radius of the tool's tip (half the edge of the box)
-    #[arg(long, value_name = "MM", default_value_t = 12.0)]
+    #[arg(long, value_name = "MM", default_value_t = 15.0)]
     pub radius_mm: f64,
 
     /// How deep to press, from first contact
@@ -39,7 +39,7 @@ pub struct Options {
     pub depth_mm: f64,
 
     /// How fast the tool moves
-    #[arg(long, value_name = "MM/S", default_value_t = 40.0)]
+    #[arg(long, value_name = "MM/S", default_value_t = 60.0)]
     pub speed_mm_s: f64,
 
     /// A point of the world in mm that the tool's axis goes through; chosen over soft tissue when left out

@@ -13,11 +13,11 @@ use super::tool::Tool;
 /// Air between tool and tissue at the start, in metres.
 pub const GAP_M: f64 = 0.003;
 /// How long the tool stays at depth, in seconds.
-const HOLD_S: f64 = 0.25;
+const HOLD_S: f64 = 0.2;
 /// How far below where tissue was seen the tool looks for it before giving up, in metres.
 const SEARCH_M: f64 = 0.02;
 /// Steps between two rows of the record.
-const ROW_STEPS: u64 = 4;
+const ROW_STEPS: u64 = 6;
 
 /// What the tool is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! The state of the tissue at one moment, copied for the pictures.
 
 use palpate::math::{Pose, Vec3};
+use palpate::model::Model;
 use palpate::sim::{NodeField, Sim, SurfaceField, SurfacePort};
 use palpate::solver::tool::Wrench;
 
@@ -17,7 +18,7 @@ pub struct Snapshot {
     pub displacements_m: Vec<f32>,
     /// Surface triangles.
     pub triangles: Vec<[u32; 3]>,
-    /// Displacement of each node, in slot order, in metres.
+    /// Displacement of the node in each slot `[slot_count]`, in metres; 0 in slots without a node.
     pub node_displacements: Vec<Vec3>,
     /// Where the tool is.
     pub tool: Pose,
@@ -57,10 +58,17 @@ impl Camcorder {
             materials: frame.materials.to_vec(),
             displacements_m: frame.scalars.to_vec(),
             triangles: frame.triangles.to_vec(),
-            node_displacements: sim.nodes(NodeField::Displacement),
+            node_displacements: by_slot(sim.model(), &sim.nodes(NodeField::Displacement)),
             tool,
             indentation_m,
             wrench,
         })
     }
+}
+
+/// From one value for each node to one for each slot.
+fn by_slot(model: &Model, values: &[Vec3]) -> Vec<Vec3> {
+    let mut values = values.iter().copied();
+    let has_node = model.lattice().words().iter().map(|&word| word != 0);
+    has_node.map(|is_node| if is_node { values.next() } else { None }.unwrap_or_default()).collect()
 }

@@ -62,6 +62,10 @@ impl Default for SimDesc {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct LoadId(pub u64);
 
+/// The id of a tool in its simulation; never 0, never used again there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ToolId(pub u64);
+
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pick {
@@ -151,9 +155,9 @@ impl Sim {
         todo!()
     }
 
-    /// Removes the tool of a port; the port then reports that it is stopped.
-    pub fn remove_tool(&mut self, port: &ToolPort) -> Result<()> {
-        let _ = port;
+    /// Removes a tool; its port then reports that it is stopped.
+    pub fn remove_tool(&mut self, tool: ToolId) -> Result<()> {
+        let _ = tool;
         todo!()
     }
 
@@ -206,8 +210,8 @@ impl Sim {
     }
 
     /// The contacts of a tool in the last substep.
-    pub fn contacts(&self, port: &ToolPort) -> Result<Vec<Contact>> {
-        let _ = port;
+    pub fn contacts(&self, tool: ToolId) -> Result<Vec<Contact>> {
+        let _ = tool;
         todo!()
     }
 
@@ -235,6 +239,11 @@ impl Sim {
 }
 
 impl ToolPort {
+    /// Names the tool to its simulation's owner, who must not touch a port that a servo thread is using.
+    pub fn id(&self) -> ToolId {
+        todo!()
+    }
+
     /// Says where the tool is. The simulation moves it there over its next step. Wait-free: no lock, allocation or system call.
     pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
         let _ = motion;

@@ -36,7 +36,7 @@
  *           return 1;
  *       }
  *       for (int step = 0; step < 200; ++step) {                  // 0.2 s at 0.1 m/s, metres and seconds
- *           plp_motion motion = plp_motion_at(0.0, -0.15 + 1e-4 * step, 0.0);
+ *           plp_motion motion = plp_motion_at(0.0, 0.11 - 1e-4 * step, -0.06);
  *           plp_force force;
  *           plp_tool_set_pose(tool, &motion);
  *           plp_sim_step(sim);
@@ -49,8 +49,8 @@
  *   }
  *
  * Statuses below 0 are errors: nothing was changed, no output was written, plp_last_error() has a sentence
- * about it. SI units; right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not be
- * NULL unless marked @nullable. Functions are marked:
+ * about it. SI units; right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not
+ * be NULL unless marked @nullable. Functions are marked:
  *
  *   @thread any     from any thread, at any time
  *   @thread owner   from one thread at a time for each simulation

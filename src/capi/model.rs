@@ -287,8 +287,9 @@ unsafe fn anatomy(desc: &plp_model_desc) -> Result<(LabelGrid, Option<BTreeMap<u
             Ok((import::read_intensities(Path::new(path))?.to_labels(&ranges)?, None))
         }
         [false, false, false] => {
+            // The phantom is drawn on voxels of the cells' size, as far as it can be.
             let cell_m = positive(desc.cell_m, "cell_m")?.unwrap_or(PHANTOM_CELL_M);
-            Ok((thorax(cell_m)?, Some(thorax_uses())))
+            Ok((thorax(cell_m.clamp(0.001, 0.010))?, Some(thorax_uses())))
         }
         _ => Err(Fault::argument("give only one of grid, labels_path and ct_path")),
     }

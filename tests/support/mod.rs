@@ -74,17 +74,29 @@ pub fn run(command: &mut Command) -> Output {
 
 /// Compiles a C program into `dir`, linked against the shipped library, and returns its path.
 pub fn compile(compiler: &str, source: &Path, dir: &Path) -> PathBuf {
-    let program = dir.join(source.file_stem().expect("a source has a name"));
-    // Programs look for the SONAME, which installing gives the library.
+    install(dir);
+    let mut rpath = std::ffi::OsString::from("-Wl,-rpath,");
+    rpath.push(dir);
+    compile_with(compiler, source, dir, &["-L".as_ref(), dir.as_os_str(), &rpath, "-lpalpate".as_ref()])
+}
+
+/// Compiles a C program that loads the library itself.
+pub fn compile_unlinked(compiler: &str, source: &Path, dir: &Path) -> PathBuf {
+    compile_with(compiler, source, dir, &[])
+}
+
+/// Puts the shipped library into `dir`, under the names that linkers and programs look for, as installing
+/// does.
+pub fn install(dir: &Path) {
     let library = library_dir().join(LIBRARY);
     let abi = palpate::capi::version::PLP_ABI_VERSION;
     for name in [LIBRARY.to_owned(), format!("libpalpate.so.{abi}"), format!("libpalpate.{abi}.dylib")] {
-        if !dir.join(&name).exists() {
-            std::fs::copy(&library, dir.join(&name)).expect("the library can be copied");
-        }
+        std::fs::copy(&library, dir.join(&name)).expect("the library can be copied");
     }
-    let mut rpath = std::ffi::OsString::from("-Wl,-rpath,");
-    rpath.push(dir);
+}
+
+fn compile_with(compiler: &str, source: &Path, dir: &Path, link: &[&OsStr]) -> PathBuf {
+    let program = dir.join(source.file_stem().expect("a source has a name"));
     run(Command::new(compiler)
         .args(["-std=c11", "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
         .arg("-I")
@@ -94,10 +106,8 @@ pub fn compile(compiler: &str, source: &Path, dir: &Path) -> PathBuf {
         .arg(source)
         .arg("-o")
         .arg(&program)
-        .arg("-L")
-        .arg(dir)
-        .arg(&rpath)
-        .args(["-lpalpate", "-lpthread", "-ldl", "-lm"]));
+        .args(link)
+        .args(["-lpthread", "-ldl", "-lm"]));
     program
 }
 

@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 
 /// The result of every fallible call in this crate.
-pub type Result<T> = std::result::Result<T, Error>;
+pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// A reason why a call did nothing. Every failing call leaves its arguments and the simulation as they were.
 #[derive(Debug, thiserror::Error)]

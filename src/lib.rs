@@ -1,6 +1,7 @@
 //! palpate: soft tissue that can be seen, touched and cut in real time.
 
 pub mod capi;
+pub mod cpu;
 pub mod error;
 pub mod log;
 pub mod math;

@@ -10,3 +10,61 @@ pub type Mat3 = na::Matrix3<f64>;
 pub type Quat = na::UnitQuaternion<f64>;
 /// A rigid transform: rotation, then translation in metres.
 pub type Pose = na::Isometry3<f64>;
+
+/// Arithmetic that the laws of [`crate::model::law`] are written in: one number, or one vector register of them.
+///
+/// `fma(a, b)` is `self * a + b`. Whether it rounds once or twice is the implementor's choice, made once for each backend route.
+pub trait Num: Copy {
+    /// All lanes hold `x`, rounded.
+    fn splat(x: f64) -> Self;
+    /// `self + b`.
+    fn add(self, b: Self) -> Self;
+    /// `self - b`.
+    fn sub(self, b: Self) -> Self;
+    /// `self * b`.
+    fn mul(self, b: Self) -> Self;
+    /// `self / b`.
+    fn div(self, b: Self) -> Self;
+    /// `self * a + b`.
+    fn fma(self, a: Self, b: Self) -> Self;
+    /// The square root.
+    fn sqrt(self) -> Self;
+}
+
+macro_rules! scalar_num {
+    ($real:ty) => {
+        impl Num for $real {
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                x as $real
+            }
+            #[inline(always)]
+            fn add(self, b: Self) -> Self {
+                self + b
+            }
+            #[inline(always)]
+            fn sub(self, b: Self) -> Self {
+                self - b
+            }
+            #[inline(always)]
+            fn mul(self, b: Self) -> Self {
+                self * b
+            }
+            #[inline(always)]
+            fn div(self, b: Self) -> Self {
+                self / b
+            }
+            // Two roundings: without hardware support a fused multiply-add is a slow library call.
+            #[inline(always)]
+            fn fma(self, a: Self, b: Self) -> Self {
+                self * a + b
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                <$real>::sqrt(self)
+            }
+        }
+    };
+}
+scalar_num!(f32);
+scalar_num!(f64);

@@ -247,12 +247,12 @@ typedef struct {
     const double *index_to_world;
 } plp_label_grid;
 
-/// The label of CT voxels from low_hu up to, but not including, high_hu.
+/// The label of CT voxels from low_hu to high_hu.
 typedef struct {
-    /// Lower limit in Hounsfield units, included.
-    double low_hu;
-    /// Upper limit in Hounsfield units, excluded.
-    double high_hu;
+    /// Lowest value in Hounsfield units, included.
+    float low_hu;
+    /// Highest value in Hounsfield units, included.
+    float high_hu;
     /// The label, up to 65535.
     uint32_t label;
     /// Must be 0.

@@ -22,7 +22,6 @@ mod boundary;
 mod convert;
 mod handle;
 pub mod model;
-mod pending;
 pub mod preset;
 pub mod sim;
 pub mod status;

@@ -13,13 +13,15 @@ use super::boundary::{
 };
 use super::convert::{check_bits, material, material_out, oriented_box, pose, pose_out};
 use super::handle::{self, Handle};
-use super::pending::{self as import, HounsfieldRange, from_affine, thorax, thorax_uses};
 use super::status::{Fault, PLP_OK, plp_status};
 use super::types::*;
 use crate::log::{self, Log};
 use crate::math::Vec3;
 use crate::model::grid::{LabelGrid, ResampleRule, voxel_count};
+use crate::model::import;
+use crate::model::intensity::HounsfieldRange;
 use crate::model::mesh::TriangleMesh;
+use crate::model::phantom::{thorax, thorax_uses};
 use crate::model::{Build, Fix, LabelUse, Model, SurfaceSource};
 
 /// Cells of the generated thorax where the host does not choose.
@@ -318,7 +320,7 @@ unsafe fn grid_in_memory(grid: &plp_label_grid) -> Result<LabelGrid, Fault> {
     }
     // SAFETY: promised by the caller.
     let rows = unsafe { read_list(grid.index_to_world, 12, "grid.index_to_world") }?;
-    Ok(from_affine(voxels, &na::Matrix3x4::from_row_slice(&rows), labels)?)
+    Ok(LabelGrid::from_affine(voxels, &na::Matrix3x4::from_row_slice(&rows), labels)?)
 }
 
 /// # Safety
@@ -334,12 +336,6 @@ unsafe fn hu_ranges(desc: &plp_model_desc) -> Result<Vec<HounsfieldRange>, Fault
         .enumerate()
         .map(|(i, range)| {
             check_bits(range.reserved, 0, "hu_ranges.reserved")?;
-            if range.low_hu.is_nan() || range.high_hu.is_nan() || range.low_hu >= range.high_hu {
-                return Err(Fault::argument(format!(
-                    "hu_ranges[{i}] from {} to {} is empty",
-                    range.low_hu, range.high_hu
-                )));
-            }
             Ok(HounsfieldRange {
                 low: range.low_hu,
                 high: range.high_hu,

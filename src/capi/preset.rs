@@ -3,10 +3,9 @@
 use std::ffi::c_char;
 
 use super::boundary::{boundary, check_output, fill_text, read_str, write_output};
-use super::convert::material_out;
-use super::pending::{PRESETS, Preset};
 use super::status::{Fault, PLP_OK, plp_status};
-use super::types::plp_preset;
+use super::types::{plp_material, plp_preset};
+use crate::model::material::{PRESETS, Preset};
 
 /// How many material presets there are.
 ///
@@ -56,5 +55,24 @@ pub unsafe extern "C" fn plp_preset_find(
 }
 
 fn preset_out(preset: &Preset) -> plp_preset {
-    plp_preset { material: material_out(&preset.material()), source: fill_text(preset.source) }
+    let material = plp_material {
+        young_pa: preset.young_pa,
+        poisson: preset.poisson,
+        density_kg_m3: preset.density_kg_m3,
+        damping_s: preset.damping_s,
+        name: fill_text(preset.name),
+    };
+    plp_preset { material, source: fill_text(preset.source) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_sources_fit_their_arrays() {
+        for preset in PRESETS {
+            assert!(preset.name.len() < 64 && preset.source.len() < 512, "{}", preset.name);
+        }
+    }
 }

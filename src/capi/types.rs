@@ -147,14 +147,14 @@ pub struct plp_label_grid {
     pub index_to_world: *const f64,
 }
 
-/// The label of CT voxels from low_hu up to, but not including, high_hu.
+/// The label of CT voxels from low_hu to high_hu.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct plp_hu_range {
-    /// Lower limit in Hounsfield units, included.
-    pub low_hu: f64,
-    /// Upper limit in Hounsfield units, excluded.
-    pub high_hu: f64,
+    /// Lowest value in Hounsfield units, included.
+    pub low_hu: f32,
+    /// Highest value in Hounsfield units, included.
+    pub high_hu: f32,
     /// The label, up to 65535.
     pub label: u32,
     /// Must be 0.

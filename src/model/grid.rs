@@ -3,18 +3,21 @@
 //! Voxel `(i, j, k)` lies at `labels[i + nx * (j + ny * k)]` and its **centre** at
 //! `frame * (i * spacing.x, j * spacing.y, k * spacing.z)`, in metres, in a right-handed world.
 
+use nalgebra::Matrix3x4;
+
+use super::placement::{Placement, reverse_x};
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 
-/// Most voxels that a grid may have: 2³¹, so that an index always fits and a hostile header cannot ask for terabytes.
+/// Most voxels that a grid may have: 2³¹, so that an index always fits and a hostile header cannot ask for
+/// terabytes.
 pub const MAX_VOXELS: usize = 1 << 31;
 
-/// Labels of a regular grid of voxels. Label 0 is a label like any other; what is empty is said when a model is built.
+/// Labels of a regular grid of voxels. Label 0 is a label like any other; what is empty is said when a model
+/// is built.
 #[derive(Clone, Debug)]
 pub struct LabelGrid {
-    dims: [usize; 3],
-    spacing: Vec3,
-    frame: Pose,
+    placement: Placement,
     labels: Vec<u16>,
 }
 
@@ -23,46 +26,59 @@ pub struct LabelGrid {
 pub enum ResampleRule {
     /// The voxel that contains the centre of the cell.
     Nearest,
-    /// The label that fills the largest part of the cell; of equal parts the smaller label. Space outside the grid counts as
-    /// label 0.
+    /// The label that fills the largest part of the cell; of equal parts the smaller label. Space outside the
+    /// grid counts as label 0.
     Majority,
 }
 
 impl LabelGrid {
     /// A grid from labels in memory.
     ///
-    /// `dims` is the voxel count along x, y, z; `spacing` the distance of neighbouring centres in metres; `frame` maps
-    /// grid axes to the world, its translation being the centre of voxel (0, 0, 0).
+    /// `dims` is the voxel count along x, y, z; `spacing` the distance of neighbouring centres in metres;
+    /// `frame` maps grid axes to the world, its translation being the centre of voxel (0, 0, 0).
     pub fn new(dims: [usize; 3], spacing: Vec3, frame: Pose, labels: Vec<u16>) -> Result<Self> {
-        let count = voxel_count(dims)?;
-        if labels.len() != count {
+        Self::from_placement(Placement::new(dims, spacing, frame)?, labels)
+    }
+
+    /// A grid from labels in memory and the affine matrix that files carry.
+    ///
+    /// `affine` maps a voxel index (i, j, k, 1) to the centre of that voxel in the world, in metres; its axes
+    /// may have any direction and each its own spacing. Axes more than 0.06° from square are refused. A
+    /// left-handed matrix is accepted: the voxels are then reversed along x, so that the grid's frame is
+    /// right-handed and every voxel stays where it was.
+    pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut labels: Vec<u16>) -> Result<Self> {
+        let (placement, is_reversed) = Placement::from_affine(dims, affine)?;
+        if is_reversed {
+            reverse_x(&mut labels, dims);
+        }
+        Self::from_placement(placement, labels)
+    }
+
+    pub(crate) fn from_placement(placement: Placement, labels: Vec<u16>) -> Result<Self> {
+        if labels.len() != placement.count() {
             return Err(Error::argument(format!(
-                "a grid of {dims:?} voxels needs {count} labels, not {}",
+                "a grid of {:?} voxels needs {} labels, not {}",
+                placement.dims,
+                placement.count(),
                 labels.len()
             )));
         }
-        if !spacing.iter().all(|s| s.is_finite() && (1e-6..=1.0).contains(s)) {
-            return Err(Error::argument(format!("voxel spacing {spacing:?} is not between 1e-6 m and 1 m")));
-        }
-        if !frame.to_homogeneous().iter().all(|x| x.is_finite()) {
-            return Err(Error::argument("the frame of a grid must be finite"));
-        }
-        Ok(Self { dims, spacing, frame, labels })
+        Ok(Self { placement, labels })
     }
 
     /// Voxel counts along x, y, z.
     pub fn dims(&self) -> [usize; 3] {
-        self.dims
+        self.placement.dims
     }
 
     /// Distance of neighbouring voxel centres along x, y, z, in metres.
     pub fn spacing(&self) -> Vec3 {
-        self.spacing
+        self.placement.spacing
     }
 
     /// Grid axes to world; the translation is the centre of voxel (0, 0, 0).
     pub fn frame(&self) -> Pose {
-        self.frame
+        self.placement.frame
     }
 
     /// All labels, x fastest.
@@ -72,7 +88,8 @@ impl LabelGrid {
 
     /// The label of one voxel. The indices must lie inside the grid.
     pub fn label(&self, i: usize, j: usize, k: usize) -> u16 {
-        self.labels[i + self.dims[0] * (j + self.dims[1] * k)]
+        let [nx, ny, _] = self.placement.dims;
+        self.labels[i + nx * (j + ny * k)]
     }
 }
 
@@ -81,4 +98,39 @@ pub fn voxel_count(dims: [usize; 3]) -> Result<usize> {
     dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).filter(|&n| n > 0 && n <= MAX_VOXELS).ok_or_else(
         || Error::Limit(format!("a grid of {dims:?} voxels is empty or has more than {MAX_VOXELS}")),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn left_handed_labels_stay_where_they_were() {
+        let labels: Vec<u16> = (0..24).collect();
+        // x runs towards −x from 9 mm, as in radiological storage.
+        let affine = Matrix3x4::new(-1e-3, 0.0, 0.0, 9e-3, 0.0, 2e-3, 0.0, 0.0, 0.0, 0.0, 3e-3, 0.0);
+        let grid = LabelGrid::from_affine([2, 3, 4], &affine, labels).unwrap();
+
+        // The file's voxel (1, 2, 3), label 23, lies at (8, 4, 9) mm and is now voxel (0, 2, 3).
+        assert_eq!(grid.label(0, 2, 3), 23);
+        let centre = grid.frame() * nalgebra::Point3::new(0.0, 2.0 * 2e-3, 3.0 * 3e-3);
+        assert!((centre.coords - Vec3::new(8e-3, 4e-3, 9e-3)).norm() < 1e-15);
+        assert_eq!(grid.frame().rotation, crate::math::Quat::identity());
+    }
+
+    #[test]
+    fn a_wrong_number_of_labels_is_refused() {
+        let spacing = Vec3::repeat(1e-3);
+        assert!(LabelGrid::new([2, 2, 2], spacing, Pose::identity(), vec![0; 7]).is_err());
+        let affine = Matrix3x4::new(-1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0);
+        assert!(LabelGrid::from_affine([2, 2, 2], &affine, vec![0; 9]).is_err());
+    }
+
+    #[test]
+    fn grids_of_terabytes_are_refused_before_anything_else() {
+        for dims in [[usize::MAX, 2, 2], [1 << 16, 1 << 16, 2], [0, 1, 1]] {
+            assert!(matches!(voxel_count(dims), Err(Error::Limit(_))));
+        }
+        assert_eq!(voxel_count([1 << 11, 1 << 10, 1 << 10]).unwrap(), MAX_VOXELS);
+    }
 }

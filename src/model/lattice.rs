@@ -7,6 +7,7 @@
 //! `brick * 128 + (k % 4) * 32 + (j % 4) * 8 + i % 8`. Only bricks that contain a node exist; they are sorted by
 //! (z, y, x), so that neighbours along x follow each other in memory.
 
+use crate::error::{Error, Result};
 use crate::math::Vec3;
 
 /// Nodes of a brick along x, y, z.
@@ -46,6 +47,93 @@ pub struct Lattice {
 }
 
 impl Lattice {
+    /// The lattice of the occupied cells of a grid.
+    ///
+    /// `materials` holds a material index for each cell, x fastest: 0 is empty, 1 to 15 are occupied. Nothing is held.
+    pub fn new(cells: [usize; 3], cell_m: f64, materials: &[u8]) -> Result<Self> {
+        let table_dims = [0, 1, 2].map(|a| cells[a] / BRICK[a] + 1);
+        if table_dims.iter().any(|&n| n > usize::from(u16::MAX)) {
+            return Err(Error::Limit(format!("a lattice of {cells:?} cells is too large")));
+        }
+        let cell_count = materials.iter().filter(|&&m| m != 0).count();
+        if cell_count == 0 {
+            return Err(Error::argument("no cell of the model is occupied: nothing to simulate"));
+        }
+
+        // Each occupied cell marks the bricks of its eight corners.
+        let mut brick_table = vec![NO_BRICK; table_dims.iter().product()];
+        let table_index = |b: [usize; 3]| b[0] + table_dims[0] * (b[1] + table_dims[1] * b[2]);
+        for_each_cell(cells, materials, |cell, _| {
+            for corner in 0..8 {
+                let node = corner_node(cell, corner);
+                brick_table[table_index([0, 1, 2].map(|a| node[a] / BRICK[a]))] = 0;
+            }
+        });
+
+        // Bricks are numbered along x first, so that a row of bricks is a row in memory.
+        let mut bricks = Vec::new();
+        for (index, brick) in brick_table.iter_mut().enumerate().filter(|(_, b)| **b != NO_BRICK) {
+            *brick = bricks.len() as u32;
+            let (x, rest) = (index % table_dims[0], index / table_dims[0]);
+            bricks.push([x, rest % table_dims[1], rest / table_dims[1]].map(|c| c as u16));
+        }
+        if bricks.len() > (u32::MAX as usize) / BRICK_SLOTS {
+            return Err(Error::Limit(format!("a lattice of {} bricks is too large", bricks.len())));
+        }
+
+        // Each cell writes its material into the words of its corners: for corner c it is the cell at the opposite offset.
+        let mut words = vec![0_u32; bricks.len() * BRICK_SLOTS];
+        for_each_cell(cells, materials, |cell, material| {
+            for corner in 0..8 {
+                let node = corner_node(cell, corner);
+                let brick = brick_table[table_index([0, 1, 2].map(|a| node[a] / BRICK[a]))];
+                words[slot_in(brick, node)] |= u32::from(material) << (4 * (7 - corner));
+            }
+        });
+
+        // A slot without a node is held, so that no kernel has to ask whether it exists.
+        let flags = words.iter().map(|&w| if w == 0 { flag::FIX_ALL } else { 0 }).collect();
+        let node_count = words.iter().filter(|&&w| w != 0).count();
+        Ok(Self { cell_m, cells, bricks, brick_table, words, flags, node_count, cell_count })
+    }
+
+    /// Bricks `[brick_count]`: their coordinates, in units of bricks.
+    pub fn bricks(&self) -> &[[u16; 3]] {
+        &self.bricks
+    }
+
+    /// The brick at brick coordinates, or [`NO_BRICK`].
+    pub fn brick_at(&self, brick: [i64; 3]) -> u32 {
+        let dims = self.table_dims();
+        if (0..3).any(|a| brick[a] < 0 || brick[a] >= dims[a] as i64) {
+            return NO_BRICK;
+        }
+        self.brick_table[self.table_index(brick.map(|c| c as usize))]
+    }
+
+    /// The occupied cells in a fixed order: coordinates and material index.
+    pub fn occupied(&self) -> impl Iterator<Item = ([usize; 3], u8)> + '_ {
+        self.words.iter().enumerate().filter(|(_, word)| **word >> 28 != 0).map(|(slot, word)| {
+            // The slot of a cell's lowest corner; no lattice has more than 2³² slots.
+            (self.node_of(slot as u32), (word >> 28) as u8)
+        })
+    }
+
+    /// The slots of a cell's corners; corner c is at offset `(c & 1, c >> 1 & 1, c >> 2 & 1)`. The cell must be occupied.
+    pub fn corners(&self, cell: [usize; 3]) -> [u32; 8] {
+        std::array::from_fn(|corner| {
+            let node = corner_node(cell, corner);
+            let brick = self.brick_table[self.table_index([0, 1, 2].map(|a| node[a] / BRICK[a]))];
+            slot_in(brick, node) as u32
+        })
+    }
+
+    /// Mass of the node in a slot, given the corner mass of each material.
+    pub fn node_mass(&self, slot: u32, corner_kg: impl Fn(u8) -> f64) -> f64 {
+        let word = self.words[slot as usize];
+        (0..8).map(|c| (word >> (4 * c) & 15) as u8).filter(|&m| m != 0).map(corner_kg).sum()
+    }
+
     /// Edge length h of a cell, in metres.
     pub fn cell_m(&self) -> f64 {
         self.cell_m
@@ -123,5 +211,31 @@ impl Lattice {
     fn table_index(&self, brick: [usize; 3]) -> usize {
         let dims = self.table_dims();
         brick[0] + dims[0] * (brick[1] + dims[1] * brick[2])
+    }
+}
+
+/// Slot of a node in its brick.
+fn slot_in(brick: u32, node: [usize; 3]) -> usize {
+    let local = node[0] % BRICK[0] + BRICK[0] * (node[1] % BRICK[1] + BRICK[1] * (node[2] % BRICK[2]));
+    brick as usize * BRICK_SLOTS + local
+}
+
+/// Corner c of a cell is at offset `(c & 1, c >> 1 & 1, c >> 2 & 1)`.
+fn corner_node(cell: [usize; 3], corner: usize) -> [usize; 3] {
+    [cell[0] + (corner & 1), cell[1] + (corner >> 1 & 1), cell[2] + (corner >> 2 & 1)]
+}
+
+/// Visits the occupied cells, x fastest.
+fn for_each_cell(cells: [usize; 3], materials: &[u8], mut visit: impl FnMut([usize; 3], u8)) {
+    let mut index = 0;
+    for k in 0..cells[2] {
+        for j in 0..cells[1] {
+            for i in 0..cells[0] {
+                if materials[index] != 0 {
+                    visit([i, j, k], materials[index]);
+                }
+                index += 1;
+            }
+        }
     }
 }

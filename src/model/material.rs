@@ -1,4 +1,11 @@
 //! What tissue is made of: isotropic elasticity, density and damping, and presets with their sources.
+//!
+//! **About the presets.** Living tissue is nonlinear, anisotropic, and differs between people and between
+//! ways of measuring by factors of two to ten; a preset is a sound start, not a measurement of a patient. All
+//! are small-strain values. Shear moduli μ are converted by E = 2 μ (1 + ν) with the ν of the same preset.
+//! Soft tissue is nearly incompressible (ν → 0.5); 0.45 is taken where the source names none, because the
+//! time step shrinks without bound towards 0.5. Their damping is 0: background drag belongs to the
+//! simulation, not to the material.
 
 use crate::error::{Error, Result};
 
@@ -16,8 +23,90 @@ pub struct Material {
     pub poisson: f64,
     /// Mass density in kg/m³.
     pub density_kg_m3: f64,
-    /// Stiffness-proportional damping β in seconds: every spring of stiffness k resists with β k times its rate of length.
+    /// Stiffness-proportional damping β in seconds: every spring of stiffness k resists with β k times its
+    /// rate of length.
     pub damping_s: f64,
+}
+
+/// A named material with where its numbers come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preset {
+    /// What [`Material::preset`] knows it by.
+    pub name: &'static str,
+    /// Young's modulus in Pa.
+    pub young_pa: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Mass density in kg/m³.
+    pub density_kg_m3: f64,
+    /// Stiffness-proportional damping in seconds, see [`Material::damping_s`].
+    pub damping_s: f64,
+    /// Where the numbers come from, and how far to trust them.
+    pub source: &'static str,
+}
+
+/// All presets. Bone is here for pictures and contact lists: make it rigid, since no explicit time
+/// step affords its stiffness.
+pub const PRESETS: &[Preset] = &[
+    preset("lung", 2e3, 0.40, 300.0, LUNG),
+    preset("brain", 3e3, 0.49, 1040.0, BRAIN),
+    preset("fat", 3.25e3, 0.45, 950.0, FAT),
+    preset("stomach", from_shear(0.637e3, 0.45), 0.45, 1058.0, ABDOMEN),
+    preset("liver", from_shear(1.8e3, 0.45), 0.45, 1060.0, ABDOMEN),
+    preset("diseased_liver", from_shear(19.8e3, 0.45), 0.45, 1060.0, ABDOMEN),
+    preset("tumour", from_shear(23.4e3, 0.45), 0.45, 1060.0, TUMOUR),
+    preset("gallbladder", from_shear(85e3, 0.45), 0.45, 1060.0, ABDOMEN),
+    preset("bile_duct", from_shear(166e3, 0.45), 0.45, 1060.0, ABDOMEN),
+    preset("spleen", from_shear(3.6e3, 0.45), 0.45, 1060.0, SPLEEN),
+    preset("kidney", 12e3, 0.45, 1050.0, KIDNEY),
+    preset("muscle", 20e3, 0.45, 1060.0, MUSCLE),
+    preset("myocardium", 20e3, 0.45, 1053.0, MYOCARDIUM),
+    preset("vessel", from_shear(210e3, 0.45), 0.45, 1050.0, VESSEL),
+    preset("airway_wall", 100e3, 0.45, 1060.0, AIRWAY),
+    preset("skin", 150e3, 0.45, 1090.0, SKIN),
+    preset("bone", 10e9, 0.30, 1900.0, BONE),
+];
+
+const LUNG: &str = "Typical of inflated lung parenchyma: published moduli run from under 1 kPa to 10 kPa \
+    with inflation. The density is what a CT value of -700 HU means.";
+const BRAIN: &str = "E and nu as in the brain indentation checks of Joldes et al. 2019 (MTLED suite, \
+    PMC6661214); density: ICRU Report 46, 1992.";
+const FAT: &str = "E: Samani, Zubovits and Plewes 2007, normal breast fat, 3.25 ± 0.91 kPa; density: \
+    adipose tissue, ICRU Report 46, 1992.";
+const ABDOMEN: &str = "Shear modulus and density: table 1 of Phys. Med. Biol. 64 (2019) 225001 \
+    (PMC6925591), with liver 1.8 ± 0.4 kPa, gallbladder 85 ± 8.2 kPa, bile duct 166 ± 67 kPa.";
+const TUMOUR: &str = "Hepatocellular carcinoma, shear modulus 23.4 kPa and density: table 1 of Phys. \
+    Med. Biol. 64 (2019) 225001 (PMC6925591).";
+const SPLEEN: &str = "Shear modulus: magnetic resonance elastography of healthy volunteers at 60 Hz, 3.6 \
+    kPa, Talwalkar et al. 2009; slow loading is softer. Density: ICRU Report 46, 1992.";
+const KIDNEY: &str = "Typical of elastography of the healthy cortex, where values run from 5 to 40 kPa; \
+    density: ICRU Report 46, 1992.";
+const MUSCLE: &str = "Typical of relaxed skeletal muscle across its fibres; tensed muscle is several \
+    times stiffer. Density: Mendez and Keys 1960.";
+const MYOCARDIUM: &str = "Typical of the relaxed heart at small strain, where values run from 10 to 60 \
+    kPa; density: Vinnakota and Bassingthwaighte 2004.";
+const VESSEL: &str = "Hepatic artery, shear modulus 210 ± 47 kPa and density: table 1 of Phys. Med. \
+    Biol. 64 (2019) 225001 (PMC6925591). Veins are softer.";
+const AIRWAY: &str = "Typical in order of magnitude only, for a bronchial wall with its cartilage; \
+    density typical of soft tissue.";
+const SKIN: &str = "E: suction on living skin, 0.13 to 0.17 MPa, Barel, Courage and Clarys 1995; \
+    indentation gives far lower values. Density: ICRU Report 46, 1992.";
+const BONE: &str = "Typical of whole bone; cortical bone reaches 20 GPa (Rho, Ashman and Turner 1993). \
+    Density: cortical bone, about 1.9 g/cm³, ICRU Report 46, 1992.";
+
+const fn preset(
+    name: &'static str,
+    young_pa: f64,
+    poisson: f64,
+    density_kg_m3: f64,
+    source: &'static str,
+) -> Preset {
+    Preset { name, young_pa, poisson, density_kg_m3, damping_s: 0.0, source }
+}
+
+/// Young's modulus from a shear modulus.
+const fn from_shear(shear_pa: f64, poisson: f64) -> f64 {
+    2.0 * shear_pa * (1.0 + poisson)
 }
 
 impl Material {
@@ -26,6 +115,16 @@ impl Material {
         let material = Self { name: name.into(), young_pa, poisson, density_kg_m3, damping_s: 0.0 };
         material.check()?;
         Ok(material)
+    }
+
+    /// The preset of this name, one of [`PRESETS`].
+    pub fn preset(name: &str) -> Result<Self> {
+        let found = PRESETS.iter().find(|p| p.name == name).ok_or_else(|| {
+            let names: Vec<&str> = PRESETS.iter().map(|p| p.name).collect();
+            Error::argument(format!("no material preset is named '{name}'; there are {}", names.join(", ")))
+        })?;
+        let &Preset { name, young_pa, poisson, density_kg_m3, damping_s, source: _ } = found;
+        Ok(Self { name: name.into(), young_pa, poisson, density_kg_m3, damping_s })
     }
 
     /// Refuses values outside what the models can represent.
@@ -60,5 +159,51 @@ impl Material {
     /// Speed of longitudinal waves √((λ + 2 μ) / ρ), in m/s.
     pub fn longitudinal_speed_m_s(&self) -> f64 {
         ((self.lame_lambda_pa() + 2.0 * self.shear_modulus_pa()) / self.density_kg_m3).sqrt()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_give_the_measured_shear_moduli_back() {
+        // Shear modulus in Pa, its stated spread (0: none stated, so only rounding) and density of
+        // PMC6925591, table 1.
+        let measured = [
+            ("liver", 1.8e3, 0.4e3, 1060.0),
+            ("tumour", 23.4e3, 0.0, 1060.0),
+            ("diseased_liver", 19.8e3, 0.0, 1060.0),
+            ("vessel", 210e3, 47e3, 1050.0),
+            ("gallbladder", 85e3, 8.2e3, 1060.0),
+            ("bile_duct", 166e3, 67e3, 1060.0),
+            ("stomach", 0.637e3, 0.0, 1058.0),
+        ];
+        for (name, shear, spread, density) in measured {
+            let material = Material::preset(name).unwrap();
+            let error = (material.shear_modulus_pa() - shear).abs();
+            assert!(error <= f64::max(spread, 1e-9 * shear), "{name}: {error} Pa off");
+            assert_eq!(material.density_kg_m3, density, "{name}");
+        }
+    }
+
+    #[test]
+    fn every_preset_is_valid_and_names_its_source() {
+        for preset in PRESETS {
+            let material = Material::preset(preset.name).unwrap();
+            material.check().unwrap();
+            assert_eq!((material.young_pa, material.damping_s), (preset.young_pa, 0.0));
+            assert!(preset.source.len() > 20, "{}", preset.name);
+            assert_eq!(PRESETS.iter().filter(|p| p.name == preset.name).count(), 1, "{}", preset.name);
+        }
+    }
+
+    #[test]
+    fn an_unknown_preset_is_answered_with_the_known_ones() {
+        let message = Material::preset("rubber").unwrap_err().to_string();
+        assert!(
+            message.contains("rubber") && message.contains("liver") && message.contains("bone"),
+            "{message}"
+        );
     }
 }

@@ -1,10 +1,19 @@
 //! WHAT is simulated: immutable, free of any backend, built once in double precision and shared by [`Arc`](std::sync::Arc).
 
+pub mod binding;
 pub mod build;
+pub mod energy;
+pub mod extract;
 pub mod grid;
+pub mod import;
+pub mod intensity;
 pub mod lattice;
+pub mod law;
 pub mod material;
 pub mod mesh;
+pub mod phantom;
+mod placement;
+mod resample;
 pub mod surface;
 
 pub use build::{Build, Fix, LabelUse, Model, SurfaceSource};

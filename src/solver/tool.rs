@@ -151,6 +151,117 @@ impl Shape {
     }
 }
 
+impl Shape {
+    /// Signed distance from a point of the shape's frame (negative inside) and the outward unit normal there.
+    pub fn distance(&self, p: Vec3) -> (f64, Vec3) {
+        match *self {
+            Self::Sphere { radius_m } => from_core(p, radius_m),
+            Self::Capsule { radius_m, half_length_m } => {
+                from_core(p - Vec3::z() * p.z.clamp(-half_length_m, half_length_m), radius_m)
+            }
+            Self::Box { half_extents_m, rounding_m } => {
+                let core = half_extents_m - Vec3::repeat(rounding_m);
+                let outside = p - Vec3::from_fn(|a, _| p[a].clamp(-core[a], core[a]));
+                if outside != Vec3::zeros() {
+                    return from_core(outside, rounding_m);
+                }
+                // Inside the core: out through the nearest face.
+                let depth = half_extents_m - p.abs();
+                let axis = depth.imin();
+                (-depth[axis], Vec3::from_fn(|a, _| if a == axis { p[a].signum() } else { 0.0 }))
+            }
+        }
+    }
+
+    /// Radius of a ball around the shape's origin that contains it.
+    pub fn bounding_radius_m(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius_m } => radius_m,
+            Self::Capsule { radius_m, half_length_m } => radius_m + half_length_m,
+            Self::Box { half_extents_m, .. } => half_extents_m.norm(),
+        }
+    }
+
+    /// The size that contact points must resolve: a radius, or half the thickness of a box.
+    pub fn feature_m(&self) -> f64 {
+        match *self {
+            Self::Sphere { radius_m } | Self::Capsule { radius_m, .. } => radius_m,
+            Self::Box { half_extents_m, .. } => half_extents_m.min(),
+        }
+    }
+}
+
+/// Distance to a ball of radius `r` around the nearest core point, `d` away from it.
+fn from_core(d: Vec3, r: f64) -> (f64, Vec3) {
+    let length = d.norm();
+    // At the very centre every direction leads out.
+    let normal = if length > 0.0 { d / length } else { Vec3::z() };
+    (length - r, normal)
+}
+
+impl ToolDesc {
+    /// Signed distance from a point of the tool's frame to the union of its parts, and the outward normal.
+    pub fn distance(&self, p: Vec3) -> (f64, Vec3) {
+        let to_part = |(pose, shape): &(Pose, Shape)| {
+            let (distance, normal) = shape.distance(pose.inverse_transform_point(&p.into()).coords);
+            (distance, pose * normal)
+        };
+        let mut nearest = to_part(&self.parts[0]);
+        for part in &self.parts[1..] {
+            let other = to_part(part);
+            if other.0 < nearest.0 {
+                nearest = other;
+            }
+        }
+        nearest
+    }
+
+    /// Radius of a ball around the tool's origin that contains it.
+    pub fn bounding_radius_m(&self) -> f64 {
+        let reach =
+            |(pose, shape): &(Pose, Shape)| pose.translation.vector.norm() + shape.bounding_radius_m();
+        self.parts.iter().map(reach).fold(0.0, f64::max)
+    }
+
+    /// The smallest size among the parts that contact points must resolve.
+    pub fn feature_m(&self) -> f64 {
+        self.parts.iter().map(|(_, shape)| shape.feature_m()).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// A tool's way during one step, model or world frame alike.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ToolPath {
+    /// Where it starts.
+    pub from: Pose,
+    /// Where it ends.
+    pub to: Pose,
+}
+
+impl ToolPath {
+    /// The pose after a fraction `t` in [0, 1] of the step.
+    pub fn at(&self, t: f64) -> Pose {
+        if t >= 1.0 {
+            return self.to;
+        }
+        // Opposite orientations have no shortest way; the end then comes at once.
+        self.from.try_lerp_slerp(&self.to, t, 1e-9).unwrap_or(self.to)
+    }
+
+    /// How far a point within `radius` of the origin moves at most.
+    pub fn reach(&self, radius: f64) -> f64 {
+        (self.to.translation.vector - self.from.translation.vector).norm()
+            + radius * self.from.rotation.angle_to(&self.to.rotation)
+    }
+
+    /// Velocity of the material point of the tool at `p`, for a step of `duration` seconds.
+    pub fn velocity(&self, pose: &Pose, p: Vec3, duration: f64) -> Vec3 {
+        let linear = self.to.translation.vector - self.from.translation.vector;
+        let turn = (self.to.rotation * self.from.rotation.inverse()).scaled_axis();
+        (linear + turn.cross(&(p - pose.translation.vector))) / duration
+    }
+}
+
 fn finite(pose: &Pose) -> bool {
     pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
 }

@@ -244,7 +244,7 @@ static void write_file(const char *path, const void *bytes, size_t count) {
 }
 
 static void files(void) {
-    plp_hu_range range = {-500, -1000, 1, 0};
+    plp_hu_range range = {-500.0f, -1000.0f, 1, 0};
     plp_model_desc desc = plp_model_desc_default();
     desc.labels_path = "no such file.nii";
     MODEL_ANSWERS(PLP_ERR_IO);

@@ -125,6 +125,6 @@ pub fn assert_same_as_file(path: impl AsRef<OsStr>, text: &str) {
         kept == text,
         "{} is out of date, first at line {}; `PALPATE_BLESS=1 cargo test` rewrites it. Look at the difference: it is an ABI.",
         path.display(),
-        different.map_or_else(|| kept.lines().count().min(text.lines().count()), |line| line) + 1,
+        different.unwrap_or_else(|| kept.lines().count().min(text.lines().count())) + 1,
     );
 }

@@ -1,0 +1,177 @@
+//! State of the nodes and what the kernel must know about their bricks, in memory order.
+
+use std::sync::Arc;
+
+use super::lanes::{Octet, Real};
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::lattice::{BRICK, BRICK_SLOTS, NO_BRICK};
+
+/// Rows of eight nodes in a brick.
+pub const BRICK_ROWS: usize = BRICK[1] * BRICK[2];
+/// Octets of a vector field in a brick: x of all rows, then y, then z.
+pub const BRICK_OCTETS: usize = 3 * BRICK_ROWS;
+
+/// A vector for each slot: `[brick][component][row]` octets.
+#[derive(Clone, Debug)]
+pub struct Field<R>(pub Vec<Octet<R>>);
+
+impl<R: Real> Field<R> {
+    /// All zero.
+    pub fn zeros(bricks: usize) -> Self {
+        Self(vec![Octet::default(); bricks * BRICK_OCTETS])
+    }
+
+    /// Index of the x component of a slot among single numbers; y and z follow at distances of [`BRICK_SLOTS`].
+    fn index(slot: u32) -> usize {
+        let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+        brick * 3 * BRICK_SLOTS + local
+    }
+
+    fn numbers(&self) -> &[R] {
+        self.0.as_slice().as_flattened_numbers()
+    }
+
+    /// The vector of a slot.
+    #[inline]
+    pub fn get(&self, slot: u32) -> [R; 3] {
+        let (numbers, at) = (self.numbers(), Self::index(slot));
+        [numbers[at], numbers[at + BRICK_SLOTS], numbers[at + 2 * BRICK_SLOTS]]
+    }
+
+    /// The vector of a slot, in double precision.
+    #[inline]
+    pub fn vec3(&self, slot: u32) -> Vec3 {
+        let [x, y, z] = self.get(slot);
+        Vec3::new(x.to_f64(), y.to_f64(), z.to_f64())
+    }
+
+    /// Replaces the vector of a slot, rounding it.
+    #[inline]
+    pub fn set(&mut self, slot: u32, value: Vec3) {
+        let at = Self::index(slot);
+        for axis in 0..3 {
+            let number = at + axis * BRICK_SLOTS;
+            self.0[number / 8].0[number % 8] = R::splat(value[axis]);
+        }
+    }
+}
+
+/// A slice of octets as single numbers.
+trait Flattened<R> {
+    fn as_flattened_numbers(&self) -> &[R];
+}
+
+impl<R: Real> Flattened<R> for [Octet<R>] {
+    fn as_flattened_numbers(&self) -> &[R] {
+        const { assert!(size_of::<Octet<R>>() == 8 * size_of::<R>()) };
+        // SAFETY: an octet is eight numbers and, as just asserted, nothing else.
+        unsafe { std::slice::from_raw_parts(self.as_ptr().cast(), 8 * self.len()) }
+    }
+}
+
+/// What a node does, at one instant. Displacements live twice, so that a substep reads one copy and writes the other.
+#[derive(Debug)]
+pub struct Nodes<R> {
+    /// Displacement in m.
+    pub u: Field<R>,
+    /// The copy that the next substep writes.
+    pub u_next: Field<R>,
+    /// Velocity in m/s, half a substep behind `u`.
+    pub v: Field<R>,
+    /// The copy that the next substep writes; `None` where no spring is damped, for then nobody reads a neighbour's velocity.
+    pub v_next: Option<Field<R>>,
+}
+
+impl<R: Real> Nodes<R> {
+    /// At rest.
+    pub fn at_rest(bricks: usize, damped: bool) -> Self {
+        let zeros = || Field::zeros(bricks);
+        Self { u: zeros(), u_next: zeros(), v: zeros(), v_next: damped.then(zeros) }
+    }
+
+    /// What was written becomes current.
+    pub fn swap(&mut self) {
+        std::mem::swap(&mut self.u, &mut self.u_next);
+        if let Some(v_next) = &mut self.v_next {
+            std::mem::swap(&mut self.v, v_next);
+        }
+    }
+}
+
+/// The bricks of a model as the kernel walks them.
+#[derive(Debug)]
+pub struct Bricks {
+    /// The model whose bricks these are.
+    pub model: Arc<Model>,
+    /// The 27 bricks around each, x fastest, itself at 13.
+    pub neighbours: Vec<[u32; 27]>,
+    /// Bit `row` is set where that row of a brick holds a node.
+    pub rows: Vec<u16>,
+}
+
+impl Bricks {
+    /// Neighbours and row masks of a model's bricks.
+    pub fn new(model: Arc<Model>) -> Self {
+        let lattice = model.lattice();
+        let neighbours = lattice
+            .bricks()
+            .iter()
+            .map(|brick| {
+                std::array::from_fn(|n| {
+                    let offset = [n % 3, n / 3 % 3, n / 9].map(|c| c as i64 - 1);
+                    lattice.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + offset[a]))
+                })
+            })
+            .collect();
+        let rows = lattice
+            .words()
+            .chunks_exact(BRICK_SLOTS)
+            .map(|brick| {
+                let holds = |row: &[u32]| row.iter().any(|&word| word != 0);
+                brick.chunks_exact(8).enumerate().fold(0, |mask, (r, row)| mask | u16::from(holds(row)) << r)
+            })
+            .collect();
+        Self { model, neighbours, rows }
+    }
+
+    /// Number of bricks.
+    pub fn count(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Rows of consecutive bricks along x that satisfy `wanted`, none longer than `longest`.
+    pub fn runs(&self, longest: usize, wanted: impl Fn(usize) -> bool) -> Vec<Run> {
+        let mut runs: Vec<Run> = Vec::new();
+        for brick in (0..self.count()).filter(|&b| wanted(b)) {
+            match runs.last_mut() {
+                Some(run)
+                    if run.end() == brick
+                        && run.bricks < longest
+                        && self.neighbours[brick][12] != NO_BRICK
+                        && self.neighbours[brick][12] as usize == brick - 1 =>
+                {
+                    run.bricks += 1;
+                }
+                _ => runs.push(Run { first: brick, bricks: 1 }),
+            }
+        }
+        runs
+    }
+}
+
+/// Consecutive bricks along x.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Run {
+    /// The first brick.
+    pub first: usize,
+    /// How many.
+    pub bricks: usize,
+}
+
+impl Run {
+    /// One past the last brick.
+    pub fn end(&self) -> usize {
+        self.first + self.bricks
+    }
+}

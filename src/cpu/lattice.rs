@@ -887,6 +887,8 @@ mod tests {
         Arc::new(Model {
             lattice,
             materials: Vec::new(),
+            laws: [CellLaw::default(); 16],
+            regions: Default::default(),
             surfaces: Vec::new(),
             contact_surface: 0,
             frame: Pose::identity(),

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use super::grid::{LabelGrid, ResampleRule};
-use super::lattice::Lattice;
-use super::material::Material;
+use super::lattice::{Lattice, flag};
+use super::law::CellLaw;
+use super::material::{MAX_MATERIALS, Material};
 use super::mesh::TriangleMesh;
 use super::surface::Surface;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 
 /// What the voxels of one label become.
@@ -69,6 +70,8 @@ pub struct Build {
 pub struct Model {
     pub(crate) lattice: Lattice,
     pub(crate) materials: Vec<Material>,
+    pub(crate) laws: [CellLaw; 16],
+    pub(crate) regions: BTreeMap<u16, Vec<u32>>,
     pub(crate) surfaces: Vec<Surface>,
     pub(crate) contact_surface: usize,
     pub(crate) frame: Pose,
@@ -83,6 +86,16 @@ impl Model {
     /// Materials `[≤ 15]`; a cell's material index is one more than the position here, 0 being empty.
     pub fn materials(&self) -> &[Material] {
         &self.materials
+    }
+
+    /// What a cell of each material contributes `[16]`, index 0 being empty.
+    pub fn laws(&self) -> &[CellLaw; 16] {
+        &self.laws
+    }
+
+    /// The nodes of each rigid region, by label, in slot order.
+    pub fn regions(&self) -> &BTreeMap<u16, Vec<u32>> {
+        &self.regions
     }
 
     /// Render surfaces in the order of [`Build::surfaces`]; one more follows when contact needed a surface of its own.
@@ -120,7 +133,216 @@ impl Build {
     /// Builds the model. `progress` is told the finished fraction in [0, 1] and the stage's name, and stops the build by
     /// answering `false`.
     pub fn run(&self, progress: &mut dyn FnMut(f32, &str) -> bool) -> Result<Model> {
-        let _ = progress;
-        todo!()
+        let mut stage =
+            |done: f32, name: &str| if progress(done, name) { Ok(()) } else { Err(Error::Cancelled) };
+        stage(0.0, "check labels")?;
+        self.check()?;
+
+        stage(0.05, "resample")?;
+        let cell_m = self.cell_m.unwrap_or_else(|| self.grid.spacing().min());
+        let grid = self.grid.resample(cell_m, self.rule)?;
+        let frame = grid.frame() * Pose::translation(-0.5 * cell_m, -0.5 * cell_m, -0.5 * cell_m);
+
+        stage(0.3, "assemble cells")?;
+        let palette = self.palette(&grid, cell_m)?;
+        let cells: Vec<u8> = grid.labels().iter().map(|label| palette.index_of[label]).collect();
+        let mut lattice = Lattice::new(grid.dims(), cell_m, &cells)?;
+
+        stage(0.5, "hold nodes")?;
+        let regions = self.hold_regions(&grid, &mut lattice);
+        self.hold_faces(&mut lattice);
+        self.hold_boxes(&mut lattice, &frame)?;
+
+        let mut surfaces = Vec::new();
+        let count = self.surfaces.len() as f32;
+        for (index, source) in self.surfaces.iter().enumerate() {
+            stage(0.6 + 0.3 * index as f32 / count, "bind surfaces")?;
+            surfaces.push(self.surface(source, &grid, &lattice, &frame)?);
+        }
+        let contact_surface = match self.contact_surface {
+            Some(index) if index < surfaces.len() => index,
+            Some(index) => {
+                return Err(Error::argument(format!(
+                    "contact surface {index} of {} does not exist",
+                    surfaces.len()
+                )));
+            }
+            None => {
+                stage(0.9, "extract the contact surface")?;
+                surfaces.push(self.surface(&SurfaceSource::Labels(Vec::new()), &grid, &lattice, &frame)?);
+                surfaces.len() - 1
+            }
+        };
+        stage(1.0, "done")?;
+        Ok(Model {
+            lattice,
+            materials: palette.materials,
+            laws: palette.laws,
+            regions,
+            surfaces,
+            contact_surface,
+            frame,
+        })
     }
+
+    /// Whether the voxels of a label become something.
+    fn is_occupied(&self, label: u16) -> bool {
+        !matches!(self.uses.get(&label), None | Some(LabelUse::Empty))
+    }
+
+    /// Refuses labels and materials that cannot be simulated, before anything large is done.
+    fn check(&self) -> Result<()> {
+        let mut present = vec![false; 1 << 16];
+        self.grid.labels().iter().for_each(|&label| present[usize::from(label)] = true);
+        if let Some(label) = (0..=u16::MAX).find(|l| present[usize::from(*l)] && !self.uses.contains_key(l)) {
+            return Err(Error::argument(format!(
+                "label {label} occurs in the grid but nothing says what it becomes"
+            )));
+        }
+        for usage in self.uses.values() {
+            if let LabelUse::Tissue(material) | LabelUse::Rigid(material) = usage {
+                material.check()?;
+            }
+        }
+        if let Some(cap) = self.young_cap_pa.filter(|cap| !(cap.is_finite() && *cap >= 1.0)) {
+            return Err(Error::argument(format!(
+                "a cap of {cap} Pa on Young's modulus is not at least 1 Pa"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Numbers the materials that occur, in the order of their labels.
+    fn palette(&self, grid: &LabelGrid, cell_m: f64) -> Result<Palette> {
+        let mut occurs = vec![false; 1 << 16];
+        grid.labels().iter().for_each(|&label| occurs[usize::from(label)] = true);
+        // Cells outside the voxel grid count as label 0.
+        let mut palette = Palette {
+            materials: Vec::new(),
+            laws: [CellLaw::default(); 16],
+            index_of: BTreeMap::from([(0, 0)]),
+        };
+        let mut known: Vec<&LabelUse> = Vec::new();
+        for (&label, usage) in self.uses.iter().filter(|(label, _)| occurs[usize::from(**label)]) {
+            let (LabelUse::Tissue(material) | LabelUse::Rigid(material)) = usage else {
+                palette.index_of.insert(label, 0);
+                continue;
+            };
+            let position = known.iter().position(|other| *other == usage).unwrap_or_else(|| {
+                known.push(usage);
+                palette.materials.push(self.capped(material, matches!(usage, LabelUse::Rigid(_))));
+                known.len() - 1
+            });
+            if position >= MAX_MATERIALS {
+                return Err(Error::Limit(format!("a model has at most {MAX_MATERIALS} materials")));
+            }
+            let capped = &palette.materials[position];
+            palette.laws[position + 1] = match usage {
+                LabelUse::Rigid(_) => CellLaw::rigid(capped, cell_m),
+                _ => CellLaw::of(capped, cell_m),
+            };
+            palette.index_of.insert(label, position as u8 + 1);
+        }
+        Ok(palette)
+    }
+
+    fn capped(&self, material: &Material, is_rigid: bool) -> Material {
+        let mut capped = material.clone();
+        if let Some(cap) = self.young_cap_pa.filter(|_| !is_rigid) {
+            capped.young_pa = capped.young_pa.min(cap);
+        }
+        capped
+    }
+
+    /// Holds every node of the rigid cells; gives the nodes of each label.
+    fn hold_regions(&self, grid: &LabelGrid, lattice: &mut Lattice) -> BTreeMap<u16, Vec<u32>> {
+        let mut regions: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
+        let cells: Vec<[usize; 3]> = lattice.occupied().map(|(cell, _)| cell).collect();
+        for cell in cells {
+            let label = grid.label(cell[0], cell[1], cell[2]);
+            if matches!(self.uses.get(&label), Some(LabelUse::Rigid(_))) {
+                for slot in lattice.corners(cell) {
+                    lattice.flags[slot as usize] |= flag::FIX_ALL | flag::DRIVEN;
+                    regions.entry(label).or_default().push(slot);
+                }
+            }
+        }
+        for nodes in regions.values_mut() {
+            nodes.sort_unstable();
+            nodes.dedup();
+        }
+        regions
+    }
+
+    fn hold_faces(&self, lattice: &mut Lattice) {
+        if self.fix_faces == [false; 6] {
+            return;
+        }
+        let cells = lattice.cells();
+        for slot in 0..lattice.slot_count() as u32 {
+            let node = lattice.node_of(slot);
+            let on_face = |axis: usize| {
+                (self.fix_faces[2 * axis] && node[axis] == 0)
+                    || (self.fix_faces[2 * axis + 1] && node[axis] == cells[axis])
+            };
+            if (0..3).any(on_face) {
+                lattice.flags[slot as usize] |= flag::FIX_ALL;
+            }
+        }
+    }
+
+    fn hold_boxes(&self, lattice: &mut Lattice, frame: &Pose) -> Result<()> {
+        for fix in &self.fixes {
+            let good = fix.half_extents.iter().all(|x| *x >= 0.0)
+                && fix.pose.to_homogeneous().iter().all(|x| x.is_finite());
+            if !good {
+                return Err(Error::argument(
+                    "a box of held nodes needs a finite pose and half extents of at least 0",
+                ));
+            }
+            let to_box = fix.pose.inverse() * frame;
+            let bits = (0..3).filter(|&a| fix.axes[a]).fold(0, |bits, a| bits | flag::FIX_X << a);
+            // A node on the border is inside, whatever rounding says.
+            let reach = fix.half_extents + Vec3::repeat(1e-6 * lattice.cell_m());
+            for slot in 0..lattice.slot_count() as u32 {
+                let p = to_box.transform_point(&lattice.rest_position(slot).into()).coords;
+                if (0..3).all(|a| p[a].abs() <= reach[a]) {
+                    lattice.flags[slot as usize] |= bits;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn surface(
+        &self,
+        source: &SurfaceSource,
+        grid: &LabelGrid,
+        lattice: &Lattice,
+        frame: &Pose,
+    ) -> Result<Surface> {
+        match source {
+            SurfaceSource::Labels(labels) if labels.is_empty() => {
+                Surface::from_labels(grid.labels(), |label| self.is_occupied(label), lattice)
+            }
+            SurfaceSource::Labels(labels) => {
+                Surface::from_labels(grid.labels(), |label| labels.contains(&label), lattice)
+            }
+            SurfaceSource::Mesh(mesh) => {
+                mesh.check()?;
+                let mut local = mesh.clone();
+                for p in &mut local.positions {
+                    *p = frame.inverse_transform_point(&(*p).into()).coords;
+                }
+                Surface::from_mesh(local, lattice)
+            }
+        }
+    }
+}
+
+/// Materials of a model by number.
+struct Palette {
+    materials: Vec<Material>,
+    laws: [CellLaw; 16],
+    index_of: BTreeMap<u16, u8>,
 }

@@ -336,6 +336,13 @@ unsafe fn hu_ranges(desc: &plp_model_desc) -> Result<Vec<HounsfieldRange>, Fault
         .enumerate()
         .map(|(i, range)| {
             check_bits(range.reserved, 0, "hu_ranges.reserved")?;
+            // Before a large file is read for nothing.
+            if range.low_hu.is_nan() || range.high_hu.is_nan() || range.low_hu > range.high_hu {
+                return Err(Fault::argument(format!(
+                    "hu_ranges[{i}] from {} to {} is empty",
+                    range.low_hu, range.high_hu
+                )));
+            }
             Ok(HounsfieldRange {
                 low: range.low_hu,
                 high: range.high_hu,

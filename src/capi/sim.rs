@@ -555,3 +555,70 @@ fn load_of(load: &plp_load) -> Result<Load, Fault> {
         other => Err(Fault::argument(format!("kind {other} is no PLP_LOAD_ value"))),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::plp_model_create;
+    use super::super::status::{PLP_ERR_PANIC, PLP_STOPPED};
+    use super::super::tool::{plp_tool_create, plp_tool_destroy, plp_tool_get_force};
+    use super::*;
+
+    /// A simulation of a single cell, and a tool of it.
+    fn cell_and_tool() -> (*mut plp_sim, *mut plp_tool) {
+        let still = plp_pose { position_m: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+        let mut jelly = [0; 64];
+        jelly[0] = b'j'.cast_signed() as std::ffi::c_char;
+        let material =
+            plp_material { young_pa: 1e3, poisson: 0.3, density_kg_m3: 1e3, damping_s: 0.0, name: jelly };
+        let used = plp_label_use { label: 1, kind: PLP_USE_TISSUE, material };
+        let grid = plp_label_grid {
+            labels: (&raw const used.label).cast(), // the bytes of a 1
+            label_bytes: 2,
+            voxels: [1; 3],
+            spacing_m: [0.01; 3],
+            frame: still,
+            index_to_world: std::ptr::null(),
+        };
+        let what = plp_model_desc {
+            grid: &raw const grid,
+            uses: &raw const used,
+            use_count: 1,
+            ..plp_model_desc::with_defaults()
+        };
+        let ball = plp_tool_part {
+            kind: PLP_SHAPE_SPHERE,
+            reserved: 0,
+            pose: still,
+            radius_m: 0.01,
+            half_length_m: 0.0,
+            half_extents_m: [0.0; 3],
+        };
+        let probe = plp_tool_desc { part_count: 1, parts: &raw const ball, ..plp_tool_desc::with_defaults() };
+        let (mut model, mut sim, mut tool) =
+            (std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null_mut());
+        // SAFETY: the structs above live until the calls return.
+        unsafe {
+            assert_eq!(plp_model_create(&raw const what, &raw mut model), PLP_OK);
+            assert_eq!(plp_sim_create(model, std::ptr::null(), &raw mut sim), PLP_OK);
+            assert_eq!(plp_tool_create(sim, &raw const probe, &raw mut tool), PLP_OK);
+            assert_eq!(super::super::model::plp_model_destroy(model), PLP_OK);
+        }
+        (sim, tool)
+    }
+
+    #[test]
+    fn a_panic_poisons_the_simulation_and_lets_go_of_its_tools() {
+        let (sim, tool) = cell_and_tool();
+        let status = boundary(|| with_sim(sim, |_| panic!("a defect")));
+        assert_eq!(status, PLP_ERR_PANIC);
+        let mut force = std::mem::MaybeUninit::uninit();
+        // SAFETY: living handles, and room for a force.
+        unsafe {
+            assert_eq!(plp_sim_step(sim), PLP_ERR_POISONED);
+            assert_eq!(plp_tool_get_force(tool, force.as_mut_ptr()), PLP_STOPPED);
+            assert_eq!(force.assume_init().force_n, [0.0; 3]);
+            assert_eq!(plp_sim_destroy(sim), PLP_OK);
+            assert_eq!(plp_tool_destroy(tool), PLP_OK);
+        }
+    }
+}

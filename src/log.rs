@@ -76,8 +76,8 @@ pub fn sim_line(desc: &SimDesc, now: &Statistics) -> String {
         |fixed| fixed.to_string(),
     );
     format!(
-        "simulation: steps of {:.3} ms, largest stable substep {:.4} ms, {substeps} substeps a step, {:?} precision, \
-         {} KiB of nodes",
+        "simulation: steps of {:.3} ms, largest stable substep {:.4} ms, {substeps} substeps a step, \
+         {:?} precision, {} KiB of nodes",
         desc.step_s * 1e3,
         now.stable_substep_s * 1e3,
         desc.precision,

@@ -71,7 +71,8 @@ fn structs_are_laid_out_as_agreed_and_have_no_hidden_padding() {
         for Field { name: field } in fields {
             writeln!(
                 program,
-                "    sum += sizeof((({name} *)0)->{field});\n    printf(\"  {field} %zu\\n\", offsetof({name}, {field}));"
+                "    sum += sizeof((({name} *)0)->{field});\n    \
+                     printf(\"  {field} %zu\\n\", offsetof({name}, {field}));"
             )
             .unwrap();
         }

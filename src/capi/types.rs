@@ -4,6 +4,9 @@
 //! structs whose size follows them in a parameter list (outputs) may grow at their end; all others never
 //! change.
 
+// Brackets are array shapes here, in a header's text, and not links.
+#![allow(rustdoc::broken_intra_doc_links)]
+
 use std::ffi::{c_char, c_void};
 
 use super::boundary::{Desc, Output};

@@ -178,7 +178,7 @@ static void labels_and_materials(void) {
     desc.uses = uses;
     desc.use_count = 16;
     MODEL_ANSWERS(PLP_ERR_LIMIT);
-    desc.use_count = 0xFFFFFFFF; /* and a count that no array has is not believed, but for the array being there */
+    desc.use_count = 0xFFFFFFFF; /* of nothing */
     desc.uses = NULL;
     MODEL_ANSWERS(PLP_ERR_NULL);
 

@@ -1,4 +1,4 @@
-/* A model, a simulation, a tool and a surface, destroyed in all 24 orders, each handle being used in between. */
+/* A model, a simulation, a tool and a surface, destroyed in all 24 orders; what is left is used in between. */
 #include "check.h"
 
 #include <math.h>

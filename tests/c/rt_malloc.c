@@ -1,7 +1,8 @@
-/* Calls every @rt function from fresh threads while another thread steps, and fails on a single allocation in them.
+/* Calls every @rt function from fresh threads while another thread steps, and fails on one allocation in them.
  *
- * The allocator is watched from outside, by replacing it, and the library is loaded while the program runs, as an engine does it: the first
- * touch of a thread-local variable of such a library allocates, which no allocator inside the library would see. */
+ * The allocator is watched from outside, by replacing it, and the library is loaded while the program runs, as an
+ * engine does it: the first touch of a thread-local variable of such a library allocates, which no allocator
+ * inside the library would see. */
 #define _GNU_SOURCE
 #include "check.h"
 
@@ -15,8 +16,8 @@ extern void *__libc_realloc(void *, size_t);
 extern void *__libc_memalign(size_t, size_t);
 extern void __libc_free(void *);
 
-/* In the program itself, so that touching them allocates nothing; volatile, because compilers believe that malloc
- * reads no variable of a program. */
+/* In the program itself, so that touching them allocates nothing; volatile, because compilers believe that
+ * malloc reads no variable of a program. */
 static _Thread_local volatile int armed;
 static atomic_int allocations, seen;
 

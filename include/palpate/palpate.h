@@ -1,0 +1,998 @@
+#ifndef PALPATE_H
+#define PALPATE_H
+
+/*
+ * palpate: soft tissue that can be seen, touched and cut in real time.
+ *
+ * Four things, each an opaque pointer that a create call gives you and that you give back to its destroy
+ * call, in any order:
+ *
+ *   plp_model     anatomy with materials, at rest; immutable, shared by any number of simulations and threads
+ *   plp_sim       a running simulation; one thread at a time steps it
+ *   plp_tool      a rigid tool in a simulation; a servo thread of its own sets its pose and reads its force
+ *   plp_surface   a moving surface of a simulation; a render thread of its own maps its vertices
+ *
+ *      servo thread                      simulation thread                     render thread
+ *   plp_tool_set_pose   -- pose -->         plp_sim_step     -- vertices -->   plp_surface_map
+ *   plp_tool_get_force  <-- force --                                           plp_surface_unmap
+ *
+ * A whole program, which presses a ball of 10 mm into a generated chest from the front:
+ *
+ *   #include <palpate/palpate.h>
+ *   #include <stdio.h>
+ *
+ *   int main(void) {
+ *       plp_model_desc chest = plp_model_desc_default();
+ *       plp_model *model = NULL;
+ *       plp_sim *sim = NULL;
+ *       plp_tool *tool = NULL;
+ *       plp_tool_part ball = plp_sphere(0.010);
+ *       plp_tool_desc probe = plp_tool_desc_default();
+ *       probe.parts = &ball;
+ *       probe.part_count = 1;
+ *       if (plp_model_create(&chest, &model) < 0 || plp_sim_create(model, NULL, &sim) < 0 ||
+ *           plp_tool_create(sim, &probe, &tool) < 0) {
+ *           printf("%s\n", plp_last_error());
+ *           return 1;
+ *       }
+ *       for (int step = 0; step < 200; ++step) {                  // 0.2 s at 0.1 m/s, metres and seconds
+ *           plp_motion motion = plp_motion_at(0.0, 0.11 - 1e-4 * step, -0.06);
+ *           plp_force force;
+ *           plp_tool_set_pose(tool, &motion);
+ *           plp_sim_step(sim);
+ *           plp_tool_get_force(tool, &force);
+ *           printf("%g N\n", force.force_n[1]);
+ *       }
+ *       plp_tool_destroy(tool);
+ *       plp_sim_destroy(sim);
+ *       plp_model_destroy(model);
+ *   }
+ *
+ * Statuses below 0 are errors: nothing was changed, no output was written, plp_last_error() has a sentence
+ * about it. SI units; right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not
+ * be NULL unless marked @nullable. Functions are marked:
+ *
+ *   @thread any     from any thread, at any time
+ *   @thread owner   from one thread at a time for each simulation
+ *   @thread port    from one thread at a time for each tool or surface, while others do as they like
+ *   @rt             no lock, no allocation, no system call, bounded time; leaves plp_last_error() alone
+ *
+ * README.md, beside this header's folder, states all rules on one page.
+ */
+
+
+/* Generated from src/capi by `PALPATE_BLESS=1 cargo test --test header`: do not edit. */
+
+#include <stddef.h>
+#include <stdint.h>
+
+/// The version of this header's binary interface. It only changes when programs must be compiled again; the
+/// shared library's SONAME carries it.
+#define PLP_ABI_VERSION 1
+
+/// A bit of plp_fix.axes: the model's x axis.
+#define PLP_AXIS_X 1
+
+/// A bit of plp_fix.axes: the model's y axis.
+#define PLP_AXIS_Y 2
+
+/// A bit of plp_fix.axes: the model's z axis.
+#define PLP_AXIS_Z 4
+
+/// All three axes.
+#define PLP_AXIS_ALL 7
+
+/// A log line that a curious user wants to know.
+#define PLP_LOG_INFO 0
+
+/// A log line that a user should act on, or know before trusting a result.
+#define PLP_LOG_WARNING 1
+
+/// A label's voxels become nothing: air, gas, outside.
+#define PLP_USE_EMPTY 0
+
+/// A label's voxels become deformable tissue.
+#define PLP_USE_TISSUE 1
+
+/// A label's voxels become a rigid region, such as a bone: held in place until plp_sim_drive_region moves it.
+#define PLP_USE_RIGID 2
+
+/// A bit of plp_model_desc.fix_faces: all nodes on the grid's low x face are held.
+#define PLP_FACE_X_LOW 1
+
+/// A bit of plp_model_desc.fix_faces: the high x face.
+#define PLP_FACE_X_HIGH 2
+
+/// A bit of plp_model_desc.fix_faces: the low y face.
+#define PLP_FACE_Y_LOW 4
+
+/// A bit of plp_model_desc.fix_faces: the high y face.
+#define PLP_FACE_Y_HIGH 8
+
+/// A bit of plp_model_desc.fix_faces: the low z face.
+#define PLP_FACE_Z_LOW 16
+
+/// A bit of plp_model_desc.fix_faces: the high z face.
+#define PLP_FACE_Z_HIGH 32
+
+/// A surface is extracted, smoothly, from the labels.
+#define PLP_SURFACE_LABELS 0
+
+/// A surface is a mesh in memory.
+#define PLP_SURFACE_MESH 1
+
+/// A surface is a mesh file: OBJ, STL or PLY.
+#define PLP_SURFACE_FILE 2
+
+/// A cell takes the label that fills the largest part of it.
+#define PLP_RESAMPLE_MAJORITY 0
+
+/// A cell takes the label of the voxel at its centre.
+#define PLP_RESAMPLE_NEAREST 1
+
+/// Steps compute in 32-bit floating point.
+#define PLP_PRECISION_SINGLE 0
+
+/// Steps compute in 64-bit floating point.
+#define PLP_PRECISION_DOUBLE 1
+
+/// A bit of plp_sim_desc.flags (default on): quiet regions fall asleep and stay as anchors.
+#define PLP_SIM_SLEEPING 1
+
+/// A bit of plp_sim_desc.flags (default on): the model's rest shape already balances gravity_m_s2, so that
+/// nothing sags at the start.
+#define PLP_SIM_REST_UNDER_GRAVITY 2
+
+/// A force at a material point.
+#define PLP_LOAD_POINT 0
+
+/// A force per rest area on boundary faces of cells, of constant direction.
+#define PLP_LOAD_TRACTION 1
+
+/// A pressure on boundary faces of cells; it pushes against the outward normal and follows the deformed
+/// surface.
+#define PLP_LOAD_PRESSURE 2
+
+/// Rest positions of nodes in metres, world frame.
+#define PLP_NODES_REST_POSITION 0
+
+/// Displacements of nodes in metres, world axes.
+#define PLP_NODES_DISPLACEMENT 1
+
+/// Velocities of nodes in m/s, world axes.
+#define PLP_NODES_VELOCITY 2
+
+/// A ball of radius_m.
+#define PLP_SHAPE_SPHERE 0
+
+/// A ball of radius_m swept along local z, over half_length_m both ways.
+#define PLP_SHAPE_CAPSULE 1
+
+/// A box of half_extents_m whose edges are rounded by radius_m.
+#define PLP_SHAPE_BOX 2
+
+/// A surface's scalar is the length of the displacement in metres.
+#define PLP_FIELD_DISPLACEMENT 0
+
+/// A surface's scalar is the largest principal strain under the vertex.
+#define PLP_FIELD_STRAIN 1
+
+/// A model: tissue at rest, immutable. Any number of threads and simulations may share it.
+typedef struct plp_model plp_model;
+
+/// A running simulation. One thread at a time.
+typedef struct plp_sim plp_sim;
+
+/// A render surface of a simulation: the port of one render thread. Works while the simulation steps on
+/// another thread.
+typedef struct plp_surface plp_surface;
+
+/// A tool of a simulation: the port of one servo thread. Works while the simulation steps on another thread.
+typedef struct plp_tool plp_tool;
+
+/// What a call answers: 0 on success, negative on error, positive on success with a remark.
+/// A call that answers an error has changed nothing and has written none of its outputs.
+typedef int32_t plp_status;
+
+/// An isotropic, linearly elastic material at small strain.
+typedef struct {
+    /// Young's modulus in Pa, 1 to 1e12.
+    double young_pa;
+    /// Poisson's ratio, in [0.25, 0.5).
+    double poisson;
+    /// Density in kg/m^3, 1 to 30,000.
+    double density_kg_m3;
+    /// Stiffness-proportional damping in seconds, 0 to 1: a spring of stiffness k resists with damping_s * k
+    /// times its rate of length.
+    double damping_s;
+    /// A name for tables and pictures, UTF-8, ended by NUL.
+    char name[64];
+} plp_material;
+
+/// A material preset and where its numbers come from.
+typedef struct {
+    /// The material; its name is the preset's.
+    plp_material material;
+    /// The publications that the numbers are taken from, UTF-8, ended by NUL.
+    char source[512];
+} plp_preset;
+
+/// A position and an orientation. A pose "of" a thing maps the thing's frame to the world.
+typedef struct {
+    /// Position in metres.
+    double position_m[3];
+    /// Unit quaternion x, y, z, w; (0, 0, 0, 1) is no rotation. Normalised by the library; refused when its
+    /// length is not within 0.9 to 1.1.
+    double rotation[4];
+} plp_pose;
+
+/// A grid of labels in memory: one integer for each voxel. Copied during the call.
+///
+/// Voxel (i, j, k) is labels[i + nx * (j + ny * k)]. Its centre lies at frame * (i * sx, j * sy, k * sz), or
+/// at index_to_world * (i, j, k, 1).
+typedef struct {
+    /// The labels, x fastest.
+    const void *labels;
+    /// Bytes of one label: 1 (uint8_t) or 2 (uint16_t).
+    uint32_t label_bytes;
+    /// Voxels along x, y, z.
+    uint32_t voxels[3];
+    /// Distance of neighbouring voxel centres along x, y, z in metres, each 1e-6 to 1.
+    double spacing_m[3];
+    /// The grid's axes, and the centre of voxel (0, 0, 0).
+    plp_pose frame;
+    /// 12 doubles, 3 rows of 4, to metres: replaces spacing_m and frame. Mirrored axes are welcome, sheared
+    /// ones are refused.
+    /// @nullable
+    const double *index_to_world;
+} plp_label_grid;
+
+/// The label of CT voxels from low_hu to high_hu.
+typedef struct {
+    /// Lowest value in Hounsfield units, included.
+    float low_hu;
+    /// Highest value in Hounsfield units, included.
+    float high_hu;
+    /// The label, up to 65535.
+    uint32_t label;
+    /// Must be 0.
+    uint32_t reserved;
+} plp_hu_range;
+
+/// What the voxels of one label become.
+typedef struct {
+    /// The label, up to 65535.
+    uint32_t label;
+    /// PLP_USE_EMPTY, PLP_USE_TISSUE or PLP_USE_RIGID.
+    uint32_t kind;
+    /// The material; not read for PLP_USE_EMPTY. Equal materials of several labels count once; a model has at
+    /// most 15.
+    plp_material material;
+} plp_label_use;
+
+/// A box that may be turned: the set of points within half_extents_m of the centre along the pose's axes.
+typedef struct {
+    /// Centre and axes.
+    plp_pose pose;
+    /// Half the edge lengths in metres.
+    double half_extents_m[3];
+} plp_box;
+
+/// Nodes that are held: those whose rest position lies in a box.
+typedef struct {
+    /// The box.
+    plp_box region;
+    /// Which axes of the model frame (plp_model_info.frame) are held: PLP_AXIS_X and so on, or'ed.
+    uint32_t axes;
+    /// Must be 0.
+    uint32_t reserved;
+} plp_fix;
+
+/// Where a render surface comes from. A zeroed one is the boundary of everything that is not empty.
+typedef struct {
+    /// PLP_SURFACE_LABELS, PLP_SURFACE_MESH or PLP_SURFACE_FILE; it says which of the fields below are read.
+    uint32_t kind;
+    /// LABELS: how many; 0 takes all labels that are not empty.
+    uint32_t label_count;
+    /// LABELS: the labels whose union's boundary is wanted. @nullable
+    const uint16_t *labels;
+    /// MESH: x, y, z in metres, world frame.
+    const float *positions;
+    /// MESH: texture coordinates u, v. @nullable
+    const float *uvs;
+    /// MESH: three vertex indices for each triangle, counter-clockwise seen from outside.
+    const uint32_t *triangles;
+    /// MESH: how many vertices.
+    uint32_t vertex_count;
+    /// MESH: how many triangles.
+    uint32_t triangle_count;
+    /// MESH: bytes from one position to the next; 0 means tightly packed, 12.
+    uint32_t position_stride;
+    /// MESH: bytes from one texture coordinate to the next; 0 means tightly packed, 8.
+    uint32_t uv_stride;
+    /// FILE: its path, UTF-8.
+    const char *path;
+    /// FILE: metres for each unit of the file, such as 0.001 for millimetres.
+    double scale_to_m;
+} plp_surface_source;
+
+/// Told how far a long call has come: a fraction in [0, 1] and the name of the stage (valid during the
+/// callback). Returns 0 to go on, anything else to cancel the call, which then answers PLP_ERR_CANCELLED.
+/// Called on the calling thread. Must not throw or longjmp.
+typedef int32_t (*plp_progress_fn)(void *user, float fraction, const char *stage);
+
+/// Told what the library has to say: PLP_LOG_INFO or PLP_LOG_WARNING, and one line of UTF-8 without a line
+/// end (valid during the callback). Called on the thread of, and within, the call that caused the line; never
+/// from @rt functions. Must not throw or longjmp.
+typedef void (*plp_log_fn)(void *user, int32_t level, const char *line);
+
+/// What a model is built from. Fill it with plp_model_desc_init (or plp_model_desc_default), then change what
+/// you need.
+///
+/// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
+/// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
+/// of its own, so that a desc of nothing but defaults builds.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// How a cell takes its label from the voxels: PLP_RESAMPLE_MAJORITY (default) or PLP_RESAMPLE_NEAREST.
+    uint32_t resample;
+    /// Labels in memory. @nullable
+    const plp_label_grid *grid;
+    /// A label file: NIfTI (.nii, .nii.gz) or NRRD (.nrrd). @nullable
+    const char *labels_path;
+    /// A CT file in Hounsfield units, same formats, made into labels by hu_ranges. @nullable
+    const char *ct_path;
+    /// Ranges of Hounsfield units [hu_range_count]; the first that fits gives the label, none gives 0.
+    /// @nullable
+    const plp_hu_range *hu_ranges;
+    /// What each label becomes [use_count]. Every label that occurs must be named, except for the generated
+    /// thorax. @nullable
+    const plp_label_use *uses;
+    /// Nodes that are held, besides rigid regions [fix_count]. @nullable
+    const plp_fix *fixes;
+    /// Render surfaces [surface_count], numbered in this order. NULL with a count of 0 makes one surface of
+    /// all labels. @nullable
+    const plp_surface_source *surfaces;
+    /// Number of hu_ranges.
+    uint32_t hu_range_count;
+    /// Number of uses.
+    uint32_t use_count;
+    /// Number of fixes.
+    uint32_t fix_count;
+    /// Number of surfaces.
+    uint32_t surface_count;
+    /// Faces of the grid whose nodes are held: PLP_FACE_X_LOW and so on, or'ed.
+    uint32_t fix_faces;
+    /// Which of surfaces tools touch (default 0); -1 extracts one of all labels for it.
+    int32_t contact_surface;
+    /// Edge length of a cell in metres; 0 (default) takes the smallest voxel spacing, and 6 mm for the
+    /// generated thorax.
+    double cell_m;
+    /// Young's moduli above this are lowered to it, in Pa (an explicit step shrinks with the root of the
+    /// modulus); 0 (default) for no cap. plp_model_info tells how many materials it met.
+    double young_cap_pa;
+    /// Told how far building is, and may cancel it. @nullable
+    plp_progress_fn progress;
+    /// Given to progress. @nullable
+    void *progress_user;
+    /// Told about the finished model. Not called after plp_model_create has returned. @nullable
+    plp_log_fn log;
+    /// Given to log. @nullable
+    void *log_user;
+} plp_model_desc;
+
+/// What a model turned out to be.
+typedef struct {
+    /// Nodes.
+    uint64_t node_count;
+    /// Occupied cells.
+    uint64_t cell_count;
+    /// Edge length of a cell in metres.
+    double cell_m;
+    /// The model frame: axes along the cells, origin at the grid's lowest corner.
+    plp_pose frame;
+    /// Lowest corner of the grid's bounding box, world axes, metres.
+    double bounds_min_m[3];
+    /// Highest corner.
+    double bounds_max_m[3];
+    /// The cap on Young's modulus in Pa, 0 for none.
+    double young_cap_pa;
+    /// How many materials the cap lowered.
+    uint32_t capped_material_count;
+    /// Materials; in contacts, picks and surface views they are numbered from 1.
+    uint32_t material_count;
+    /// Surfaces; the desc's, and one more when contact needed one of its own.
+    uint32_t surface_count;
+    /// The surface that tools touch.
+    uint32_t contact_surface;
+    /// Cells of the bounding grid along x, y, z of the model frame.
+    uint32_t cells[3];
+    /// Always 0.
+    uint32_t reserved;
+} plp_model_info;
+
+/// How a simulation runs. Fill it with plp_sim_desc_init (or plp_sim_desc_default), then change what you
+/// need.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// PLP_SIM_SLEEPING and so on, or'ed.
+    uint32_t flags;
+    /// PLP_PRECISION_SINGLE (default) or PLP_PRECISION_DOUBLE.
+    uint32_t precision;
+    /// Threads that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
+    /// core to a servo thread.
+    uint32_t threads;
+    /// Simulated length of a step in seconds (default 0.001).
+    double step_s;
+    /// Gravity in m/s^2, world frame (default 0).
+    double gravity_m_s2[3];
+    /// Background drag in 1/s (default 5): every node loses this part of its momentum each second.
+    double drag_per_s;
+    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it.
+    uint32_t substeps;
+    /// Must be 0.
+    uint32_t reserved;
+    /// Told about the simulation, within the calls that cause it. @nullable
+    plp_log_fn log;
+    /// Given to log. @nullable
+    void *log_user;
+} plp_sim_desc;
+
+/// A load that acts until it is removed. Fill it with plp_load_init (or plp_load_default), then set what its
+/// kind needs.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// PLP_LOAD_POINT, PLP_LOAD_TRACTION or PLP_LOAD_PRESSURE.
+    uint32_t kind;
+    /// POINT: the rest position in metres, inside the tissue, world frame.
+    double at_m[3];
+    /// POINT: the force in N, world frame.
+    double force_n[3];
+    /// TRACTION: force per area in Pa, world frame.
+    double traction_pa[3];
+    /// PRESSURE: in Pa; negative pulls.
+    double pressure_pa;
+    /// TRACTION, PRESSURE: the boundary faces whose rest centres lie in this box.
+    plp_box region;
+} plp_load;
+
+/// What a ray met.
+typedef struct {
+    /// Where, world frame, metres.
+    double point_m[3];
+    /// Outward unit normal of the triangle there.
+    double normal[3];
+    /// Distance along the ray in metres.
+    double distance_m;
+    /// The triangle of the contact surface.
+    uint32_t triangle;
+    /// Material of the tissue, from 1.
+    uint32_t material;
+} plp_pick;
+
+/// How a simulation is doing.
+typedef struct {
+    /// Steps since creation.
+    uint64_t steps;
+    /// Substeps since creation.
+    uint64_t substeps;
+    /// Simulated time in seconds.
+    double time_s;
+    /// Length of the last substep in seconds.
+    double substep_s;
+    /// Largest stable substep at rest in seconds, damping included.
+    double stable_substep_s;
+    /// Wall-clock time of the last step in seconds.
+    double step_wall_s;
+    /// Simulated time over wall-clock time of the last step: at least 1 keeps up with the world.
+    double real_time_factor;
+    /// All nodes.
+    uint64_t node_count;
+    /// Nodes integrated in the last substep.
+    uint64_t awake_node_count;
+    /// Bytes held for the nodes' state and topology.
+    uint64_t node_bytes;
+    /// Largest spring strain |l/L - 1| at the last measurement.
+    double max_strain;
+    /// Smallest volume ratio of a cell at the last measurement; 1 is undeformed, at most 0 is inside out.
+    double min_volume_ratio;
+    /// Largest volume ratio of a cell at the last measurement.
+    double max_volume_ratio;
+    /// Substeps in the last step.
+    uint32_t substeps_per_step;
+    /// Surface points in contact in the last substep.
+    uint32_t contact_point_count;
+} plp_statistics;
+
+/// Energies in J, computed in double precision when asked for.
+typedef struct {
+    /// Kinetic energy.
+    double kinetic_j;
+    /// Elastic energy of springs and volume terms.
+    double elastic_j;
+    /// Potential energy under the gravity in force; balanced gravity counts as none.
+    double gravity_j;
+    /// Work that tools have done on the tissue since creation.
+    double tool_work_j;
+} plp_energy;
+
+/// A touched point of the tissue's surface.
+typedef struct {
+    /// Where, world frame, metres.
+    double point_m[3];
+    /// Unit normal of the tool there, pointing into the tissue.
+    double normal[3];
+    /// How deep the point would have been inside the tool without contact, in metres.
+    double depth_m;
+    /// Force on the tissue at this point in N.
+    double force_n[3];
+    /// Material of the tissue, from 1.
+    uint32_t material;
+    /// Always 0.
+    uint32_t reserved;
+} plp_contact;
+
+/// A shape of a tool. Sizes lie between 1e-5 m and 1 m.
+typedef struct {
+    /// PLP_SHAPE_SPHERE, PLP_SHAPE_CAPSULE or PLP_SHAPE_BOX.
+    uint32_t kind;
+    /// Must be 0.
+    uint32_t reserved;
+    /// The shape's place in the tool's frame.
+    plp_pose pose;
+    /// SPHERE, CAPSULE: the radius in metres. BOX: the radius of its edges, above 0 and at most the smallest
+    /// half extent.
+    double radius_m;
+    /// CAPSULE: half the length of the swept segment in metres, caps not counted.
+    double half_length_m;
+    /// BOX: half the edge lengths in metres, rounding included.
+    double half_extents_m[3];
+} plp_tool_part;
+
+/// A tool: a rigid compound of shapes. Fill it with plp_tool_desc_init (or plp_tool_desc_default), then give
+/// it parts.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// Number of parts, 1 to 16.
+    uint32_t part_count;
+    /// The shapes [part_count].
+    const plp_tool_part *parts;
+    /// Coulomb friction coefficient between tool and tissue, at least 0 (default 0).
+    double friction;
+} plp_tool_desc;
+
+/// Where a tool is and how it moves.
+typedef struct {
+    /// The tool's pose.
+    plp_pose pose;
+    /// Velocity of the tool's origin in m/s, world frame.
+    double linear_m_s[3];
+    /// Angular velocity in rad/s, world frame.
+    double angular_rad_s[3];
+} plp_motion;
+
+/// What a tool feels: the tissue's reaction, averaged over the last step.
+typedef struct {
+    /// Force of the tissue on the tool in N, world frame.
+    double force_n[3];
+    /// Torque of the tissue on the tool about the tool's origin in N m, world frame.
+    double torque_n_m[3];
+    /// The motion that both were computed at.
+    plp_motion motion;
+    /// Simulated time at the end of that step in seconds.
+    double time_s;
+    /// Counts steps; 0 before the first one.
+    uint64_t sequence;
+} plp_force;
+
+/// One frame of a surface, world frame. The arrays belong to the library and are valid until
+/// plp_surface_unmap; positions, normals and previous positions are aligned to 16 bytes. Vertex streams are
+/// float, because renderers take float; poses and forces are double.
+typedef struct {
+    /// x, y, z in metres and 1 [vertex_count * 4].
+    const float *positions;
+    /// Unit normals and 0 [vertex_count * 4].
+    const float *normals;
+    /// The positions of the frame that this port mapped before, for motion vectors [vertex_count * 4].
+    const float *previous_positions;
+    /// The field chosen with plp_surface_set_field [vertex_count].
+    const float *scalars;
+    /// Texture coordinates u, v [vertex_count * 2].
+    const float *uvs;
+    /// Materials, from 1 [vertex_count].
+    const uint8_t *materials;
+    /// Vertex indices, counter-clockwise seen from outside [triangle_count * 3].
+    const uint32_t *triangles;
+    /// Number of vertices.
+    uint64_t vertex_count;
+    /// Number of triangles.
+    uint64_t triangle_count;
+    /// Changes whenever vertex_count or triangles do; 0 until the first cut.
+    uint64_t topology_version;
+    /// Simulated time of the frame in seconds.
+    double time_s;
+} plp_surface_view;
+
+/// The call did what was asked.
+#define PLP_OK 0
+
+/// The simulation (or its tool) behind a port is gone or failed; the call answered with the last known
+/// values, forces with zero.
+#define PLP_STOPPED 1
+
+/// The call worked and found nothing; outputs are untouched.
+#define PLP_NOTHING 2
+
+/// The caller's array was shorter than the list; as much as fits was written.
+#define PLP_TRUNCATED 3
+
+/// A pointer that must not be NULL is NULL.
+#define PLP_ERR_NULL -101
+
+/// A handle of another kind, one that was destroyed, or no handle at all.
+#define PLP_ERR_INVALID_HANDLE -102
+
+/// A struct size that no version of this library knows; use the init function or sizeof.
+#define PLP_ERR_STRUCT_SIZE -103
+
+/// A value that the call cannot accept: not finite, out of range, unknown.
+#define PLP_ERR_ARGUMENT -104
+
+/// The call does not fit the handle's state, such as mapping a surface twice.
+#define PLP_ERR_STATE -105
+
+/// Another thread is inside a call on the same handle.
+#define PLP_ERR_BUSY -106
+
+/// Something that a newer header or a file may ask for, which this library does not do.
+#define PLP_ERR_UNSUPPORTED -107
+
+/// A file or buffer that does not follow its format, or promises more than it holds.
+#define PLP_ERR_FORMAT -201
+
+/// A file that cannot be opened or read.
+#define PLP_ERR_IO -202
+
+/// More than the library's stated limits: voxels, cells, materials, tools, memory.
+#define PLP_ERR_LIMIT -203
+
+/// The progress callback asked to stop.
+#define PLP_ERR_CANCELLED -204
+
+/// The simulation's state stopped being finite; it is frozen at its last good state. Reset it, or destroy it.
+#define PLP_ERR_DIVERGED -301
+
+/// A defect of the library, contained. The message says where; please report it.
+#define PLP_ERR_PANIC -901
+
+/// An earlier call on this simulation answered PLP_ERR_PANIC; it can only be destroyed.
+#define PLP_ERR_POISONED -902
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+/// The interface version of the loaded library; plp_check_abi compares it with the header's.
+///
+/// @thread any
+uint32_t plp_abi_version(void);
+
+/// The library's version, such as "0.1.0". Static memory.
+///
+/// @thread any
+const char *plp_version_string(void);
+
+/// Whether the library can do something: 1 or 0. Known names are "lattice" (the lattice tissue model) and
+/// "double" (PLP_PRECISION_DOUBLE); names that this version does not know, and NULL, answer 0.
+///
+/// @thread any
+int32_t plp_has(const char *feature);
+
+/// The name of a status code, such as "PLP_ERR_BUSY"; "PLP_?" for a number that is none. Static memory.
+///
+/// @thread any
+const char *plp_status_name(plp_status status);
+
+/// What went wrong in the last failing call on this thread: a sentence in UTF-8, at most 1023 bytes, never
+/// NULL, empty before the first failure. Valid until the next failing call on the same thread. Successful
+/// calls leave it alone, and so do the @rt functions.
+///
+/// @thread any
+const char *plp_last_error(void);
+
+/// How many material presets there are.
+///
+/// @thread any
+uint32_t plp_preset_count(void);
+
+/// A preset by its number, from 0 to plp_preset_count() - 1. preset_size is sizeof(plp_preset).
+///
+/// @thread any
+plp_status plp_preset_get(uint32_t index, plp_preset *preset, uint32_t preset_size);
+
+/// A preset by its name, such as "lung" or "liver". preset_size is sizeof(plp_preset).
+///
+/// @thread any
+plp_status plp_preset_find(const char *name, plp_preset *preset, uint32_t preset_size);
+
+/// Fills a desc with defaults. desc_size is sizeof(plp_model_desc).
+///
+/// @thread any
+plp_status plp_model_desc_init(plp_model_desc *desc, uint32_t desc_size);
+
+/// Builds a model. Everything that the desc points to is copied; nothing is kept. May take seconds: the
+/// desc's progress callback is told, and may cancel. The model is the caller's, to be given to
+/// plp_model_destroy.
+///
+/// @thread any
+plp_status plp_model_create(const plp_model_desc *desc, plp_model **model);
+
+/// Gives a model back. Simulations made from it keep what they need. NULL is fine.
+///
+/// @thread any
+plp_status plp_model_destroy(plp_model *model);
+
+/// What a model turned out to be. info_size is sizeof(plp_model_info).
+///
+/// @thread any
+plp_status plp_model_get_info(const plp_model *model, plp_model_info *info, uint32_t info_size);
+
+/// Material number `index` of a model, from 1 to plp_model_info.material_count, as it is simulated (after the
+/// cap).
+///
+/// @thread any
+plp_status plp_model_get_material(const plp_model *model, uint32_t index, plp_material *material);
+
+/// Fills a desc with defaults. desc_size is sizeof(plp_sim_desc).
+///
+/// @thread any
+plp_status plp_sim_desc_init(plp_sim_desc *desc, uint32_t desc_size);
+
+/// Creates a simulation of a model, at rest at time 0. desc may be NULL for defaults (@nullable desc). The
+/// simulation is the caller's, to be given to plp_sim_destroy; the model may be destroyed before it.
+///
+/// @thread any
+plp_status plp_sim_create(const plp_model *model, const plp_sim_desc *desc, plp_sim **sim);
+
+/// Ends a simulation. Its tools and surfaces stay valid handles that answer PLP_STOPPED until they are
+/// destroyed. NULL is fine.
+///
+/// @thread owner
+plp_status plp_sim_destroy(plp_sim *sim);
+
+/// Advances by one step of plp_sim_desc.step_s. Tools move to their newest poses over the step.
+///
+/// @thread owner
+plp_status plp_sim_step(plp_sim *sim);
+
+/// Lets the tissue come to rest under its loads, tools where they are, without simulated time passing. Stops
+/// when no node accelerates by more than tolerance_m_s2, or after max_substeps. The largest acceleration left
+/// goes to residual_m_s2 (@nullable residual_m_s2).
+///
+/// @thread owner
+plp_status plp_sim_settle(plp_sim *sim, double tolerance_m_s2, uint64_t max_substeps, double *residual_m_s2);
+
+/// Back to the rest state at time 0. Loads, tools and gravity stay.
+///
+/// @thread owner
+plp_status plp_sim_reset(plp_sim *sim);
+
+/// Changes gravity: three doubles in m/s^2, world frame.
+///
+/// @thread owner
+plp_status plp_sim_set_gravity(plp_sim *sim, const double *gravity_m_s2);
+
+/// Adds a load. Its id, never 0 and never used again in this simulation, goes to `id`.
+///
+/// @thread owner
+plp_status plp_sim_add_load(plp_sim *sim, const plp_load *load, uint64_t *id);
+
+/// Fills a load with defaults: none of any kind. load_size is sizeof(plp_load).
+///
+/// @thread any
+plp_status plp_load_init(plp_load *load, uint32_t load_size);
+
+/// Removes a load.
+///
+/// @thread owner
+plp_status plp_sim_remove_load(plp_sim *sim, uint64_t id);
+
+/// Moves the rigid region of a label: `motion` takes it, in the world frame, from its rest place to its new
+/// one, which it reaches at the end of the next step.
+///
+/// @thread owner
+plp_status plp_sim_drive_region(plp_sim *sim, uint32_t label, const plp_pose *motion);
+
+/// The first triangle of the contact surface, as deformed now, that a ray meets. origin_m and direction are
+/// three doubles each, world frame; direction need not be of unit length. Answers PLP_NOTHING where the ray
+/// meets none.
+///
+/// @thread owner
+plp_status plp_sim_pick(const plp_sim *sim, const double *origin_m, const double *direction, plp_pick *pick);
+
+/// How the simulation is doing. statistics_size is sizeof(plp_statistics).
+///
+/// @thread owner
+plp_status plp_sim_get_statistics(const plp_sim *sim, plp_statistics *statistics, uint32_t statistics_size);
+
+/// The energies now. Visits every spring: for tests and plots, not for every step. energy_size is
+/// sizeof(plp_energy).
+///
+/// @thread owner
+plp_status plp_sim_get_energy(const plp_sim *sim, plp_energy *energy, uint32_t energy_size);
+
+/// A quantity of all nodes (PLP_NODES_ value), three doubles each, always in the same order. Writes at most
+/// `capacity` nodes to xyz and the number of all to node_count; answers PLP_TRUNCATED where capacity is less.
+/// xyz may be NULL with a capacity of 0 (@nullable xyz).
+///
+/// @thread owner
+plp_status plp_sim_get_nodes(const plp_sim *sim,
+                             uint32_t field,
+                             double *xyz,
+                             uint64_t capacity,
+                             uint64_t *node_count);
+
+/// The contacts of a tool in the last substep. Writes at most `capacity` of them and the number of all to
+/// contact_count; answers PLP_TRUNCATED where capacity is less. contacts may be NULL with a capacity of 0
+/// (@nullable contacts). The tool's thread may be using it meanwhile.
+///
+/// @thread owner
+plp_status plp_sim_get_contacts(const plp_sim *sim,
+                                const plp_tool *tool,
+                                plp_contact *contacts,
+                                uint64_t capacity,
+                                uint64_t *contact_count);
+
+/// Fills a desc with defaults: no parts yet, no friction. desc_size is sizeof(plp_tool_desc).
+///
+/// @thread any
+plp_status plp_tool_desc_init(plp_tool_desc *desc, uint32_t desc_size);
+
+/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose. The tool is the
+/// caller's, to be given to plp_tool_destroy, before or after the simulation.
+///
+/// @thread owner
+plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **tool);
+
+/// Takes a tool out of its simulation, from the next call of its owner on. NULL is fine.
+///
+/// @thread port
+plp_status plp_tool_destroy(plp_tool *tool);
+
+/// Says where the tool is and how it moves. The simulation moves it there over its next step. A motion that
+/// is not finite, or whose quaternion is not nearly unit, answers PLP_ERR_ARGUMENT and leaves the tool where
+/// it was; a tool whose simulation is gone answers PLP_STOPPED.
+///
+/// @thread port @rt
+plp_status plp_tool_set_pose(plp_tool *tool, const plp_motion *motion);
+
+/// The newest force and torque on the tool. When the simulation is gone or failed it answers PLP_STOPPED, and
+/// force and torque are zero, so that a device is let go even by a caller who ignores the status.
+///
+/// @thread port @rt
+plp_status plp_tool_get_force(plp_tool *tool, plp_force *force);
+
+/// Opens a port on a surface of the simulation's model, `index` from 0 to plp_model_info.surface_count - 1.
+/// Several ports on one surface are fine. The port is the caller's, to be given to plp_surface_destroy,
+/// before or after the simulation.
+///
+/// @thread owner
+plp_status plp_surface_create(plp_sim *sim, uint32_t index, plp_surface **surface);
+
+/// Closes a port; a mapped view of it ends. NULL is fine.
+///
+/// @thread port
+plp_status plp_surface_destroy(plp_surface *surface);
+
+/// Chooses the scalar of later frames: PLP_FIELD_DISPLACEMENT (at first) or PLP_FIELD_STRAIN. Not while
+/// mapped.
+///
+/// @thread port
+plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
+
+/// Takes the newest frame of the surface. Waits for a step in progress; never makes a step wait. The view's
+/// arrays are valid, and do not change, until plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
+/// when the simulation is gone. view_size is sizeof(plp_surface_view).
+///
+/// @thread port
+plp_status plp_surface_map(plp_surface *surface, plp_surface_view *view, uint32_t view_size);
+
+/// Ends the view of plp_surface_map: its arrays must not be read any more.
+///
+/// @thread port
+plp_status plp_surface_unmap(plp_surface *surface);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+/* ---- Helpers. They are compiled into your program and know the struct sizes of this header. ---- */
+
+/// PLP_OK when the loaded library speaks this header's interface, PLP_ERR_UNSUPPORTED when it does not. Ask
+/// first.
+static inline plp_status plp_check_abi(void) {
+    return plp_abi_version() == PLP_ABI_VERSION ? PLP_OK : PLP_ERR_UNSUPPORTED;
+}
+
+/// A model of the generated thorax, until you say otherwise.
+static inline plp_model_desc plp_model_desc_default(void) {
+    plp_model_desc desc;
+    plp_model_desc_init(&desc, (uint32_t)sizeof desc);
+    return desc;
+}
+
+/// Steps of 1 ms on all cores.
+static inline plp_sim_desc plp_sim_desc_default(void) {
+    plp_sim_desc desc;
+    plp_sim_desc_init(&desc, (uint32_t)sizeof desc);
+    return desc;
+}
+
+/// A tool without friction that still needs parts.
+static inline plp_tool_desc plp_tool_desc_default(void) {
+    plp_tool_desc desc;
+    plp_tool_desc_init(&desc, (uint32_t)sizeof desc);
+    return desc;
+}
+
+/// No load yet.
+static inline plp_load plp_load_default(void) {
+    plp_load load;
+    plp_load_init(&load, (uint32_t)sizeof load);
+    return load;
+}
+
+/// A pose without rotation, in metres.
+static inline plp_pose plp_pose_at(double x, double y, double z) {
+    plp_pose pose = {{x, y, z}, {0.0, 0.0, 0.0, 1.0}};
+    return pose;
+}
+
+/// A tool at rest, without rotation, in metres.
+static inline plp_motion plp_motion_at(double x, double y, double z) {
+    plp_motion motion = {{{x, y, z}, {0.0, 0.0, 0.0, 1.0}}, {0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}};
+    return motion;
+}
+
+/// A ball at a tool's origin.
+static inline plp_tool_part plp_sphere(double radius_m) {
+    plp_pose centre = plp_pose_at(0.0, 0.0, 0.0);
+    plp_tool_part part = {PLP_SHAPE_SPHERE, 0, centre, radius_m, 0.0, {0.0, 0.0, 0.0}};
+    return part;
+}
+
+/// A capsule along z at a tool's origin.
+static inline plp_tool_part plp_capsule(double radius_m, double half_length_m) {
+    plp_tool_part part = plp_sphere(radius_m);
+    part.kind = PLP_SHAPE_CAPSULE;
+    part.half_length_m = half_length_m;
+    return part;
+}
+
+/// A box at a tool's origin, its edges rounded by rounding_m.
+static inline plp_tool_part plp_rounded_box(double half_x_m, double half_y_m, double half_z_m,
+                                            double rounding_m) {
+    plp_tool_part part = plp_sphere(rounding_m);
+    part.kind = PLP_SHAPE_BOX;
+    part.half_extents_m[0] = half_x_m;
+    part.half_extents_m[1] = half_y_m;
+    part.half_extents_m[2] = half_z_m;
+    return part;
+}
+
+/// The use of a label as tissue (PLP_USE_TISSUE) or rigid region (PLP_USE_RIGID) of a preset material. An
+/// unknown name leaves a material that plp_model_create refuses.
+static inline plp_label_use plp_label_as(uint32_t label, uint32_t kind, const char *preset_name) {
+    plp_preset preset;
+    plp_label_use use = {label, kind, {0.0, 0.0, 0.0, 0.0, {'?', 0}}};
+    if (plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
+        use.material = preset.material;
+    }
+    return use;
+}
+
+#endif  /* PALPATE_H */

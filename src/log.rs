@@ -1,0 +1,86 @@
+//! What the library tells its host in passing: lines of text, on the thread and within the call that caused
+//! them.
+//!
+//! There is no global logger. Whoever builds a model or owns a simulation hands over a [`Log`]; a step logs
+//! only when it fails.
+
+use crate::model::Model;
+use crate::sim::SimDesc;
+use crate::solver::statistics::Statistics;
+
+/// How much a line matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// Something that a curious user wants to know.
+    Info,
+    /// Something that a user should change, or know before trusting the result.
+    Warning,
+}
+
+/// Takes a line.
+type Sink = Box<dyn FnMut(Level, &str) + Send>;
+
+/// A destination of lines, or none.
+#[derive(Default)]
+pub struct Log {
+    sink: Option<Sink>,
+}
+
+impl Log {
+    /// A log that calls `sink` with every line.
+    pub fn to(sink: impl FnMut(Level, &str) + Send + 'static) -> Self {
+        Self { sink: Some(Box::new(sink)) }
+    }
+
+    /// Writes an [`Level::Info`] line. The text is only made when somebody listens.
+    pub fn info(&mut self, line: impl FnOnce() -> String) {
+        self.write(Level::Info, line);
+    }
+
+    /// Writes a [`Level::Warning`] line.
+    pub fn warning(&mut self, line: impl FnOnce() -> String) {
+        self.write(Level::Warning, line);
+    }
+
+    fn write(&mut self, level: Level, line: impl FnOnce() -> String) {
+        if let Some(sink) = &mut self.sink {
+            sink(level, &line());
+        }
+    }
+}
+
+impl std::fmt::Debug for Log {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Log").field("listening", &self.sink.is_some()).finish()
+    }
+}
+
+/// One line about a finished model.
+pub fn model_line(model: &Model, wall_s: f64) -> String {
+    let lattice = model.lattice();
+    let names: Vec<_> = model.materials().iter().map(|material| material.name.as_str()).collect();
+    format!(
+        "model: {} cells of {:.3} mm, {} nodes, {} surfaces, materials {}; built in {wall_s:.2} s",
+        lattice.cell_count(),
+        lattice.cell_m() * 1e3,
+        lattice.node_count(),
+        model.surfaces().len(),
+        names.join(", "),
+    )
+}
+
+/// One line about a simulation that was just created.
+pub fn sim_line(desc: &SimDesc, now: &Statistics) -> String {
+    let substeps = desc.substeps.map_or_else(
+        || format!("{} or more", (desc.step_s / now.stable_substep_s).ceil()),
+        |fixed| fixed.to_string(),
+    );
+    format!(
+        "simulation: steps of {:.3} ms, largest stable substep {:.4} ms, {substeps} substeps a step, \
+         {:?} precision, {} KiB of nodes",
+        desc.step_s * 1e3,
+        now.stable_substep_s * 1e3,
+        desc.precision,
+        now.node_bytes / 1024,
+    )
+}

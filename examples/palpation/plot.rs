@@ -28,9 +28,8 @@ pub fn write(rows: &[Row], path: &Path) -> anyhow::Result<()> {
 
 fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::Error>> {
     let point = |row: &Row| (row.indentation_m * 1e3, row.wrench.force_n.norm());
-    let touching = || rows.iter().filter(|row| row.phase != Phase::Approach || row.indentation_m > 0.0);
-    let deepest = touching().map(|row| point(row).0).fold(0.1, f64::max);
-    let strongest = touching().map(|row| point(row).1).fold(1e-3, f64::max);
+    let deepest = rows.iter().map(|row| point(row).0).fold(0.1, f64::max);
+    let strongest = rows.iter().map(|row| point(row).1).fold(1e-3, f64::max);
 
     let area = backend.into_drawing_area();
     area.fill(&WHITE)?;
@@ -56,8 +55,11 @@ fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::
         (Phase::Retract, "coming out", RGBColor(40, 98, 168)),
     ];
     for (phase, name, colour) in phases {
-        let line =
-            LineSeries::new(touching().filter(|row| row.phase == phase).map(point), colour.stroke_width(5));
+        // Each line starts where the one before it ended.
+        let steps = rows.windows(2).filter(|pair| pair[1].phase == phase);
+        let points: Vec<_> =
+            steps.clone().take(1).map(|pair| &pair[0]).chain(steps.map(|pair| &pair[1])).collect();
+        let line = LineSeries::new(points.into_iter().map(point), colour.stroke_width(5));
         chart
             .draw_series(line)?
             .label(name)

@@ -178,8 +178,9 @@ impl Scale {
         let (middle, along) = match cut {
             None => (body.floor_centre + lying.side * (half_width_m + GAP_M), -lying.head),
             Some(plane) => {
-                let below_cut = body.floor_centre - plane.normal * plane.distance(body.floor_centre);
-                (below_cut + plane.normal * GAP_M, -lying.side)
+                let away = (plane.normal - lying.up * plane.normal.dot(&lying.up)).normalize();
+                let way_m = plane.distance(body.floor_centre) / plane.normal.dot(&away);
+                (body.floor_centre + away * (GAP_M - way_m), -lying.side)
             }
         };
         Self { from: middle - along * half_m, along, piece_m }

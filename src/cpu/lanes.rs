@@ -63,8 +63,8 @@ pub trait Lanes: Num {
     /// `[self.1, …, self.7, high.0]`.
     fn shift_down(self, high: Self) -> Self;
 
-    /// `table[words[i] >> 28]`: the law of each node's own cell.
-    fn own_cell(table: &[Self::Real; 16], words: &[u32; 8]) -> Self;
+    /// `table[materials[i]]`; materials are below 16.
+    fn look_up(table: &[Self::Real; 16], materials: &[u8; 8]) -> Self;
 
     /// Zero where `flags[i] & bit` is set.
     fn free(self, flags: &[u8; 8], bit: u8) -> Self;
@@ -148,8 +148,8 @@ impl<R: Real> Lanes for Portable<R> {
         Self(std::array::from_fn(|i| if i == 7 { high.0[0] } else { self.0[i + 1] }))
     }
     #[inline(always)]
-    fn own_cell(table: &[R; 16], words: &[u32; 8]) -> Self {
-        Self(words.map(|w| table[(w >> 28) as usize]))
+    fn look_up(table: &[R; 16], materials: &[u8; 8]) -> Self {
+        Self(materials.map(|m| table[usize::from(m & 15)]))
     }
     #[inline(always)]
     fn free(self, flags: &[u8; 8], bit: u8) -> Self {
@@ -265,15 +265,14 @@ mod avx2 {
             }
         }
         #[inline(always)]
-        fn own_cell(table: &[f32; 16], words: &[u32; 8]) -> Self {
-            // SAFETY: see the module; both halves of the table and the words are whole arrays.
+        fn look_up(table: &[f32; 16], materials: &[u8; 8]) -> Self {
+            // SAFETY: see the module; both halves of the table and the materials are whole arrays.
             unsafe {
-                let words = _mm256_loadu_si256(words.as_ptr().cast());
                 // A permutation looks at the low three bits; the fourth becomes the sign that blends the halves.
-                let index = _mm256_srli_epi32::<28>(words);
+                let index = _mm256_cvtepu8_epi32(_mm_loadl_epi64(materials.as_ptr().cast()));
                 let low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table.as_ptr()), index);
                 let high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table.as_ptr().add(8)), index);
-                Self(_mm256_blendv_ps(low, high, _mm256_castsi256_ps(words)))
+                Self(_mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32::<28>(index))))
             }
         }
         #[inline(always)]
@@ -390,8 +389,8 @@ mod avx2 {
             unsafe { Self(down(self.0, self.1), down(self.1, high.0)) }
         }
         #[inline(always)]
-        fn own_cell(table: &[f64; 16], words: &[u32; 8]) -> Self {
-            let picked = words.map(|w| table[(w >> 28) as usize]);
+        fn look_up(table: &[f64; 16], materials: &[u8; 8]) -> Self {
+            let picked = materials.map(|m| table[usize::from(m & 15)]);
             // SAFETY: a whole array of eight.
             unsafe { Self::load(picked.as_ptr()) }
         }
@@ -444,8 +443,8 @@ mod tests {
         assert_eq!(get(put(a).fma(put(b), put(a))), std::array::from_fn(|i| a[i] * b[i] + a[i]));
 
         let table = std::array::from_fn(|i| L::Real::splat(100.0 + i as f64));
-        let words = std::array::from_fn(|i| ((i as u32 * 2 + 1) << 28) | 0x0123_4567);
-        assert_eq!(get(L::own_cell(&table, &words)), std::array::from_fn(|i| 101.0 + 2.0 * i as f64));
+        let materials = std::array::from_fn(|i| i as u8 * 2 + 1);
+        assert_eq!(get(L::look_up(&table, &materials)), std::array::from_fn(|i| 101.0 + 2.0 * i as f64));
 
         let flags = [0, 1, 2, 3, 4, 5, 6, 7];
         assert_eq!(get(put(b).free(&flags, 2)), [10.0, 11.0, 0.0, 0.0, 14.0, 15.0, 0.0, 0.0]);

@@ -305,33 +305,56 @@ unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
     }
 }
 
-/// The brick under staged row (yy, zz) of octet column `x`, and the row in that brick.
+/// For the brick before, at and after along y or z: the staged rows on it, and its first row.
+const SIDES: [(usize, usize, usize); 3] = [(0, 1, 3), (1, 5, 0), (5, 6, 0)];
+
+/// The nearest brick of the run to octet column `x`, and that column's place beside it (0, 1, 2).
 #[inline(always)]
-fn brick_under<R>(pass: &Pass<R>, run: Run, x: usize, yy: usize, zz: usize) -> (u32, usize) {
-    // Seen from the nearest brick of the run.
+fn near(run: Run, x: usize) -> (usize, usize) {
     let near = (run.first + x).clamp(run.first + 1, run.end()) - 1;
-    let dx = run.first + x - near;
-    let brick = pass.bricks.neighbours[near][dx + 3 * ((yy + 3) / 4) + 9 * ((zz + 3) / 4)];
-    (brick, (zz + 3) % 4 * 4 + (yy + 3) % 4)
+    (near, run.first + x - near)
 }
 
-/// Asks for the displacements of a column before they are staged.
+/// Asks for memory that a column will need and nobody has read yet: the brick itself, and the sides of those that follow along y and z.
 #[inline(always)]
 fn fetch<R: Real>(pass: &Pass<R>, run: Run, x: usize) {
     #[cfg(target_arch = "x86_64")]
-    for row in 0..ROWS {
-        let (brick, local) = brick_under(pass, run, x, row % SIDE, row / SIDE);
-        if brick != NO_BRICK {
-            for comp in 0..3 {
-                let octet = brick as usize * BRICK_OCTETS + comp * BRICK_ROWS + local;
-                // SAFETY: a prefetch reads nothing that the program can see, and the address is that of an existing octet.
+    {
+        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        /// Octets in 64 bytes.
+        const fn line<R>() -> usize {
+            if size_of::<R>() == 4 { 2 } else { 1 }
+        }
+        let (near, dx) = near(run, x);
+        let brick = |by: usize, bz: usize| pass.bricks.neighbours[near][dx + 3 * by + 9 * bz];
+        let octet =
+            |brick: u32, comp: usize, row: usize| brick as usize * BRICK_OCTETS + comp * BRICK_ROWS + row;
+        if brick(1, 1) != NO_BRICK {
+            for at in (0..BRICK_OCTETS).step_by(line::<R>()) {
+                // SAFETY: a prefetch changes nothing that the program can see; the octets exist.
                 unsafe {
-                    use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-                    _mm_prefetch::<_MM_HINT_T0>(pass.u.add(octet).cast());
+                    _mm_prefetch::<_MM_HINT_T0>(pass.u.add(octet(brick(1, 1), 0, 0) + at).cast());
+                    _mm_prefetch::<_MM_HINT_T0>(pass.v.add(octet(brick(1, 1), 0, 0) + at).cast());
+                }
+            }
+        }
+        for comp in 0..3 {
+            if brick(1, 2) != NO_BRICK {
+                for row in (0..4).step_by(line::<R>()) {
+                    // SAFETY: as above.
+                    unsafe { _mm_prefetch::<_MM_HINT_T0>(pass.u.add(octet(brick(1, 2), comp, row)).cast()) };
+                }
+            }
+            if brick(2, 1) != NO_BRICK {
+                for row in [0, 4, 8, 12] {
+                    // SAFETY: as above.
+                    unsafe { _mm_prefetch::<_MM_HINT_T0>(pass.u.add(octet(brick(2, 1), comp, row)).cast()) };
                 }
             }
         }
     }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = (pass, run, x);
 }
 
 /// Copies one octet column of the run and its halo into scratch rows.
@@ -342,47 +365,27 @@ unsafe fn stage<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
     s: &mut Scratch<L::Real>,
     x: usize,
 ) {
-    let words = pass.bricks.model.lattice().words();
+    let (near, dx) = near(run, x);
     let mut holds = 0_u64;
-    for row in 0..ROWS {
-        let (brick, local) = brick_under(pass, run, x, row % SIDE, row / SIDE);
-        if brick == NO_BRICK {
-            for comp in 0..3 {
-                s.u[comp][row][x] = Octet::default();
-                if DAMPED {
-                    s.v[comp][row][x] = Octet::default();
+    for (bz, (z_start, z_end, z_first)) in SIDES.into_iter().enumerate() {
+        for (by, (y_start, y_end, y_first)) in SIDES.into_iter().enumerate() {
+            let brick = pass.bricks.neighbours[near][dx + 3 * by + 9 * bz];
+            for z in z_start..z_end {
+                for y in y_start..y_end {
+                    let row = z * SIDE + y;
+                    // The last rows are no lowest corner of any cell that is looked at.
+                    let has_cells = y < SIDE - 1 && z < SIDE - 1;
+                    if brick == NO_BRICK {
+                        clear_row::<L, VOLUME, DAMPED>(s, row, x);
+                        continue;
+                    }
+                    let local = (z - z_start + z_first) * 4 + y - y_start + y_first;
+                    // SAFETY: a row of an existing brick; as the caller's.
+                    unsafe {
+                        copy_row::<L, VOLUME, DAMPED>(pass, s, row, x, brick as usize, local, has_cells)
+                    };
+                    holds |= u64::from(pass.bricks.rows[brick as usize] >> local & 1) << row;
                 }
-            }
-            s.spring[row][x] = Octet::default();
-            s.corner[row][x] = Octet::default();
-            if VOLUME {
-                s.volume[row][x] = Octet::default();
-            }
-            if DAMPED {
-                s.damper[row][x] = Octet::default();
-            }
-            continue;
-        }
-        let brick = brick as usize;
-        holds |= u64::from(pass.bricks.rows[brick] >> local & 1) << row;
-        let octet = brick * BRICK_OCTETS + local;
-        // SAFETY: octets and slots of an existing brick; nobody writes `u` or the words during a substep, nor `v` where springs
-        // are damped.
-        unsafe {
-            for comp in 0..3 {
-                s.u[comp][row][x] = *pass.u.add(octet + comp * BRICK_ROWS);
-                if DAMPED {
-                    s.v[comp][row][x] = *pass.v.add(octet + comp * BRICK_ROWS);
-                }
-            }
-            let word: &[u32; 8] = &*words.as_ptr().add(brick * BRICK_SLOTS + local * 8).cast();
-            put_own_cell::<L>(&pass.laws.spring, word, &mut s.spring[row][x]);
-            put_own_cell::<L>(&pass.laws.corner, word, &mut s.corner[row][x]);
-            if VOLUME {
-                put_own_cell::<L>(&pass.laws.volume, word, &mut s.volume[row][x]);
-            }
-            if DAMPED {
-                put_own_cell::<L>(&pass.laws.damper, word, &mut s.damper[row][x]);
             }
         }
     }
@@ -390,9 +393,59 @@ unsafe fn stage<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
 }
 
 #[inline(always)]
-fn put_own_cell<L: Lanes>(table: &[L::Real; 16], word: &[u32; 8], to: &mut Octet<L::Real>) {
-    // SAFETY: a whole octet.
-    unsafe { L::own_cell(table, word).store(to.0.as_mut_ptr()) }
+fn clear_row<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
+    s: &mut Scratch<L::Real>,
+    row: usize,
+    x: usize,
+) {
+    for comp in 0..3 {
+        s.u[comp][row][x] = Octet::default();
+        if DAMPED {
+            s.v[comp][row][x] = Octet::default();
+        }
+    }
+    s.spring[row][x] = Octet::default();
+    s.corner[row][x] = Octet::default();
+    if VOLUME {
+        s.volume[row][x] = Octet::default();
+    }
+    if DAMPED {
+        s.damper[row][x] = Octet::default();
+    }
+}
+
+#[inline(always)]
+unsafe fn copy_row<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
+    pass: &Pass<L::Real>,
+    s: &mut Scratch<L::Real>,
+    row: usize,
+    x: usize,
+    brick: usize,
+    local: usize,
+    has_cells: bool,
+) {
+    let octet = brick * BRICK_OCTETS + local;
+    // SAFETY: octets and slots of an existing brick; nobody writes `u` during a substep, nor `v` where springs are damped.
+    unsafe {
+        for comp in 0..3 {
+            s.u[comp][row][x] = *pass.u.add(octet + comp * BRICK_ROWS);
+            if DAMPED {
+                s.v[comp][row][x] = *pass.v.add(octet + comp * BRICK_ROWS);
+            }
+        }
+        if !has_cells {
+            return;
+        }
+        let cells: &[u8; 8] = &*pass.bricks.cells.as_ptr().add(brick * BRICK_SLOTS + local * 8).cast();
+        L::look_up(&pass.laws.spring, cells).store(s.spring[row][x].0.as_mut_ptr());
+        L::look_up(&pass.laws.corner, cells).store(s.corner[row][x].0.as_mut_ptr());
+        if VOLUME {
+            L::look_up(&pass.laws.volume, cells).store(s.volume[row][x].0.as_mut_ptr());
+        }
+        if DAMPED {
+            L::look_up(&pass.laws.damper, cells).store(s.damper[row][x].0.as_mut_ptr());
+        }
+    }
 }
 
 /// Eight numbers of a staged row at octet `x`, moved by `dx` nodes.
@@ -800,6 +853,7 @@ unsafe fn integrate<L: Lanes>(pass: &Pass<L::Real>, run: Run, s: &Scratch<L::Rea
             }
             // Where there is no node this is infinite, and cleared below with every held axis.
             let inverse = one.div(mass);
+            let is_free = *flags == [0; 8];
 
             let sums = &s.sums[x & 1][row];
             let ahead = &s.sums[(x + 1) & 1][row].down;
@@ -808,9 +862,12 @@ unsafe fn integrate<L: Lanes>(pass: &Pass<L::Real>, run: Run, s: &Scratch<L::Rea
                 let down = L::load(sums.down[comp].0.as_ptr()).shift_down(L::load(ahead[comp].0.as_ptr()));
                 let force = L::load(sums.at[comp].0.as_ptr()).sub(down);
                 let bit = flag::FIX_X << comp;
-                let a = force.fma(inverse, gravity[comp]).free(flags, bit);
+                let mut a = force.fma(inverse, gravity[comp]);
                 let octet = brick * BRICK_OCTETS + comp * BRICK_ROWS + row;
-                let v = a.fma(dt, L::load(pass.v.add(octet).cast())).mul(keep).free(flags, bit);
+                let mut v = a.fma(dt, L::load(pass.v.add(octet).cast())).mul(keep);
+                if !is_free {
+                    (a, v) = (a.free(flags, bit), v.free(flags, bit));
+                }
                 let u = v.fma(dt, at::<L>(&s.u[comp][staged], x, 0));
                 if !pass.watch {
                     v.store(pass.v_next.add(octet).cast());

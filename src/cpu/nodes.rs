@@ -108,6 +108,8 @@ pub struct Bricks {
     pub neighbours: Vec<[u32; 27]>,
     /// Bit `row` is set where that row of a brick holds a node.
     pub rows: Vec<u16>,
+    /// Material of the cell whose lowest corner is in each slot: what the kernel needs of the words, in a quarter of the memory.
+    pub cells: Vec<u8>,
 }
 
 impl Bricks {
@@ -132,7 +134,8 @@ impl Bricks {
                 brick.chunks_exact(8).enumerate().fold(0, |mask, (r, row)| mask | u16::from(holds(row)) << r)
             })
             .collect();
-        Self { model, neighbours, rows }
+        let cells = lattice.words().iter().map(|word| (word >> 28) as u8).collect();
+        Self { neighbours, rows, cells, model }
     }
 
     /// Number of bricks.

@@ -202,7 +202,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         let core = &self.core;
         let fields = 3 + u64::from(core.nodes.v_next.is_some());
         let brick = fields * (BRICK_OCTETS * 8 * size_of::<R>()) as u64
-            + (BRICK_SLOTS * (size_of::<u32>() + 2 * size_of::<u8>())) as u64
+            + (BRICK_SLOTS * (size_of::<u32>() + 3 * size_of::<u8>())) as u64
             + (size_of::<[u32; 27]>() + size_of::<u16>() + size_of::<Mark>()) as u64
             + (size_of::<bool>() + 2 * size_of::<u8>() + 2 * size_of::<Run>() + size_of::<[u16; 3]>()) as u64;
         brick * core.bricks.count() as u64

@@ -1,23 +1,7 @@
 //! The laws of the lattice: what a spring and a cell's volume do. Written once, for a single number or a vector register.
 //!
-//! # Where this differs from the paper that the lattice comes from (Etheredge 2011)
 //!
-//! | the paper | here | why |
-//! |---|---|---|
-//! | Verlet with a factor ½ on f dt² | leapfrog, v += a dt, u += v dt | Störmer–Verlet has no ½ |
-//! | every spring force halved | the full force on both ends | with the ½ above, motion would be twice too slow |
-//! | acceleration = force | force / mass, mass from density and cell size | otherwise nothing is in seconds |
-//! | one stiffness for all springs of a material | k₁ : k₂ : k₃ = 1 : ½ : 3/16, assembled from cells | isotropic (the paper's lattice has Zener ratio 2.33); free surfaces and mixed materials exact for affine fields |
-//! | Poisson's ratio not controlled | one volume term for each cell | a lattice of central springs alone has ν = ¼ |
-//! | springs to sleeping masses skipped | sleeping nodes stay as anchors | skipping detaches the awake part and breaks the third law |
-//! | positions | displacements | ten thousand times less rounding noise in single precision |
-//! | force on the tool = sum of spring forces of touched masses | the impulse that the contact really applied | the sum is right in statics only |
-//!
-//! # Calibration
-//!
-//! With μ = E / (2 (1 + ν)), λ Lamé's first constant, h the cell's edge and κ = μ h / 0.75, each cell adds κ/4 to its 12 edges, κ/4 to its 12
-//! face diagonals (k₂ = κ/2, shared by two cells) and 3κ/16 to its 4 body diagonals. The springs alone have λ = μ; each cell's
-//! energy ½ (λ − μ) (J − 1)² h³ adds the rest.
+#![doc = include_str!("../../docs/lattice.md")]
 
 use super::material::Material;
 use crate::math::Num;

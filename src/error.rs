@@ -25,12 +25,12 @@ pub enum Error {
     },
 
     /// A file that cannot be opened or read.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {reason}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// The operating system's reason.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
 
     /// Something a format or a host may ask for, which this build does not do.

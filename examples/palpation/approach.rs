@@ -73,8 +73,9 @@ fn softest(
 fn held_nodes(model: &Model) -> Vec<Vec3> {
     let lattice = model.lattice();
     let stays = flag::FIX_ALL | flag::DRIVEN;
-    (0..lattice.slot_count() as u32)
-        .filter(|&slot| lattice.words()[slot as usize] != 0 && lattice.flags()[slot as usize] & stays != 0)
+    lattice
+        .slots()
+        .filter(|&slot| lattice.flags()[slot as usize] & stays != 0)
         .map(|slot| (model.frame() * nalgebra::Point3::from(lattice.rest_position(slot))).coords)
         .collect()
 }

@@ -68,7 +68,7 @@ impl Camcorder {
 
 /// From one value for each node to one for each slot.
 fn by_slot(model: &Model, values: &[Vec3]) -> Vec<Vec3> {
-    let mut values = values.iter().copied();
-    let has_node = model.lattice().words().iter().map(|&word| word != 0);
-    has_node.map(|is_node| if is_node { values.next() } else { None }.unwrap_or_default()).collect()
+    let mut slots = vec![Vec3::zeros(); model.lattice().slot_count()];
+    model.lattice().slots().zip(values).for_each(|(slot, value)| slots[slot as usize] = *value);
+    slots
 }

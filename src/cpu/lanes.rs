@@ -48,6 +48,9 @@ pub trait Lanes: Num {
     /// `to` is valid for writing eight numbers.
     unsafe fn store(self, to: *mut Self::Real);
 
+    /// `b - self * a`.
+    fn take_from(self, a: Self, b: Self) -> Self;
+
     /// The lane-wise maximum; a NaN in `self` gives `b`.
     fn max(self, b: Self) -> Self;
 
@@ -124,6 +127,10 @@ impl<R: Real> Lanes for Portable<R> {
     unsafe fn store(self, to: *mut R) {
         // SAFETY: the caller promises eight writable numbers; no alignment is assumed.
         unsafe { to.cast::<[R; 8]>().write_unaligned(self.0) }
+    }
+    #[inline(always)]
+    fn take_from(self, a: Self, b: Self) -> Self {
+        Self(std::array::from_fn(|i| b.0[i].sub(self.0[i].mul(a.0[i]))))
     }
     #[inline(always)]
     fn max(self, b: Self) -> Self {
@@ -226,6 +233,11 @@ mod avx2 {
         unsafe fn store(self, to: *mut f32) {
             // SAFETY: the caller promises eight writable numbers.
             unsafe { _mm256_storeu_ps(to, self.0) }
+        }
+        #[inline(always)]
+        fn take_from(self, a: Self, b: Self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm256_fnmadd_ps(self.0, a.0, b.0) })
         }
         #[inline(always)]
         fn max(self, b: Self) -> Self {
@@ -356,6 +368,11 @@ mod avx2 {
             }
         }
         #[inline(always)]
+        fn take_from(self, a: Self, b: Self) -> Self {
+            // SAFETY: see the module.
+            unsafe { Self(_mm256_fnmadd_pd(self.0, a.0, b.0), _mm256_fnmadd_pd(self.1, a.1, b.1)) }
+        }
+        #[inline(always)]
         fn max(self, b: Self) -> Self {
             // SAFETY: see the module.
             unsafe { Self(_mm256_max_pd(self.0, b.0), _mm256_max_pd(self.1, b.1)) }
@@ -440,6 +457,7 @@ mod tests {
         let there = [0.0, 1.0, -2.0, 0.0, 5.0, 0.0, 7.0, -0.0];
         let signs: [f64; 8] = std::array::from_fn(|i| if i % 3 == 0 { b[i] } else { -b[i] });
         assert_eq!(get(put(signs).magnitude_where(put(there))), [0.0, 11.0, 12.0, 0.0, 14.0, 0.0, 16.0, 0.0]);
+        assert_eq!(get(put(a).take_from(put(b), put(a))), std::array::from_fn(|i| a[i] - a[i] * b[i]));
         assert_eq!(get(put(a).fma(put(b), put(a))), std::array::from_fn(|i| a[i] * b[i] + a[i]));
 
         let table = std::array::from_fn(|i| L::Real::splat(100.0 + i as f64));

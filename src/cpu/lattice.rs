@@ -19,7 +19,7 @@ use crate::model::lattice::{BRICK_SLOTS, NO_BRICK, flag};
 use crate::model::law::{CellLaw, SpringClass, squared_change, volume_change};
 
 /// Longest run of bricks along x. Its scratch rows stay in the first-level cache as a window slides over them.
-pub const MAX_RUN: usize = 8;
+pub const MAX_RUN: usize = 16;
 
 /// Octets of a staged row: the run and one octet of halo on each side.
 const ROW: usize = MAX_RUN + 2;
@@ -200,7 +200,7 @@ kernels!(f64, Avx2F64);
 /// Constants of a substep in registers.
 struct Constants<L> {
     h: L,
-    h2: L,
+    minus_2h: L,
     edge: SpringClass<L>,
     face: SpringClass<L>,
     body: SpringClass<L>,
@@ -262,7 +262,7 @@ unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
     let h = pass.laws.h;
     let c = Constants::<L> {
         h: L::splat(h),
-        h2: L::splat(2.0 * h),
+        minus_2h: L::splat(-2.0 * h),
         edge: SpringClass::new(1, h),
         face: SpringClass::new(2, h),
         body: SpringClass::new(3, h),
@@ -458,19 +458,13 @@ unsafe fn at<L: Lanes>(row: &[Octet<L::Real>; ROW], x: usize, dx: isize) -> L {
 /// `sums -= force`.
 #[inline(always)]
 fn take<L: Lanes>(sums: &mut [Octet<L::Real>; 3], force: [L; 3]) {
-    for comp in 0..3 {
-        // SAFETY: whole octets.
-        unsafe { L::load(sums[comp].0.as_ptr()).sub(force[comp]).store(sums[comp].0.as_mut_ptr()) };
-    }
+    store(sums, minus(load(sums), force));
 }
 
 /// `sums += force`.
 #[inline(always)]
 fn give<L: Lanes>(sums: &mut [Octet<L::Real>; 3], force: [L; 3]) {
-    for comp in 0..3 {
-        // SAFETY: whole octets.
-        unsafe { L::load(sums[comp].0.as_ptr()).add(force[comp]).store(sums[comp].0.as_mut_ptr()) };
-    }
+    store(sums, plus(load(sums), force));
 }
 
 /// The springs of one column of octets, each evaluated once.
@@ -495,8 +489,8 @@ unsafe fn springs<L: Lanes, const COLUMN: u8, const DAMPED: bool>(
                 let k = edge_cells::<L>(&s.spring, a, x);
                 let kb = if DAMPED { edge_cells::<L>(&s.damper, a, x) } else { k };
                 let f = spring::<L, 1, 0, 0, DAMPED>(s, a, a, x, k, kb, c, strain);
-                force = plus(force, f);
-                give::<L>(&mut s.sums[x & 1][own(a)].up, f);
+                force = f.on_a(force);
+                f.give_a(&mut s.sums[x & 1][own(a)].up);
             }
             // Row B, and the rows of the cells around each spring.
             pair::<L, 1, 0, COLUMN, DAMPED>(s, a, WANTED[a][0], around, x, c, &mut force, strain);
@@ -550,10 +544,10 @@ unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const
                 };
                 let f = spring::<L, 0, Y, Z, DAMPED>(s, a, b, x, k, kb, c, strain);
                 if wanted & 1 != 0 {
-                    *force = plus(*force, f);
+                    *force = f.on_a(*force);
                 }
                 if wanted & 2 != 0 {
-                    take::<L>(&mut s.sums[x & 1][own_b].at, f);
+                    f.give_b(&mut s.sums[x & 1][own_b].at);
                 }
             }
             let f = spring::<L, 1, Y, Z, DAMPED>(
@@ -567,10 +561,10 @@ unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const
                 strain,
             );
             if COLUMN == WHOLE && wanted & 1 != 0 {
-                *force = plus(*force, f);
+                *force = f.on_a(*force);
             }
             if wanted & 2 != 0 {
-                give::<L>(&mut s.sums[x & 1][own_b].up, f);
+                f.give_a(&mut s.sums[x & 1][own_b].up);
             }
         }
         if COLUMN != LEFT_HALO {
@@ -582,10 +576,10 @@ unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const
             };
             let f = spring::<L, -1, Y, Z, DAMPED>(s, a, b, x, behind, damped_behind, c, strain);
             if COLUMN == WHOLE && wanted & 1 != 0 {
-                *force = plus(*force, f);
+                *force = f.on_a(*force);
             }
             if wanted & 2 != 0 {
-                give::<L>(&mut s.sums[x & 1][own_b].down, f);
+                f.give_a(&mut s.sums[x & 1][own_b].down);
             }
         }
     }
@@ -623,7 +617,7 @@ fn weaken<L: Lanes, const Y: isize, const Z: isize>(k: L, c: &Constants<L>) -> L
     if Y != 0 && Z != 0 { k.mul(c.three_quarters) } else { k }
 }
 
-/// Component `comp` of row B, X nodes further, minus that of row A.
+/// Component `comp` of row A minus that of row B, X nodes further.
 #[inline(always)]
 unsafe fn difference<L: Lanes, const X: isize>(
     field: &[[[Octet<L::Real>; ROW]; ROWS]; 3],
@@ -633,20 +627,70 @@ unsafe fn difference<L: Lanes, const X: isize>(
     x: usize,
 ) -> L {
     // SAFETY: as the caller's.
-    unsafe { at::<L>(&field[comp][b], x, X).sub(at(&field[comp][a], x, 0)) }
+    unsafe { at::<L>(&field[comp][a], x, 0).sub(at(&field[comp][b], x, X)) }
 }
 
-/// `d` plus the rest vector's component, `r` cells.
+/// `d` minus the rest vector's component, `r` cells.
 #[inline(always)]
 fn along<L: Lanes>(r: isize, d: L, c: &Constants<L>) -> L {
     match r {
         0 => d,
-        1 => d.add(c.h),
-        _ => d.sub(c.h),
+        1 => d.sub(c.h),
+        _ => d.add(c.h),
     }
 }
 
-/// Force on the nodes of row A from the springs to row B, one node further by X: stiffness `k`, damper `kb`.
+/// A force along a spring: `-size * way` on the node in row A, and its opposite on the one in row B. Kept as factors, so that sums take
+/// it in by fused multiply-adds.
+struct Pull<L> {
+    size: L,
+    /// From B to A as they are now.
+    way: [L; 3],
+}
+
+impl<L: Lanes> Pull<L> {
+    /// Adds the force on A to a sum.
+    #[inline(always)]
+    fn on_a(&self, sum: [L; 3]) -> [L; 3] {
+        [
+            self.size.take_from(self.way[0], sum[0]),
+            self.size.take_from(self.way[1], sum[1]),
+            self.size.take_from(self.way[2], sum[2]),
+        ]
+    }
+
+    /// Adds the force on A to stored sums.
+    #[inline(always)]
+    fn give_a(&self, sums: &mut [Octet<L::Real>; 3]) {
+        store(sums, self.on_a(load(sums)));
+    }
+
+    /// Adds the force on B to stored sums.
+    #[inline(always)]
+    fn give_b(&self, sums: &mut [Octet<L::Real>; 3]) {
+        let sum = load::<L>(sums);
+        let [x, y, z] = self.way;
+        store(sums, [self.size.fma(x, sum[0]), self.size.fma(y, sum[1]), self.size.fma(z, sum[2])]);
+    }
+}
+
+#[inline(always)]
+fn load<L: Lanes>(sums: &[Octet<L::Real>; 3]) -> [L; 3] {
+    // SAFETY: whole octets.
+    unsafe { [L::load(sums[0].0.as_ptr()), L::load(sums[1].0.as_ptr()), L::load(sums[2].0.as_ptr())] }
+}
+
+#[inline(always)]
+fn store<L: Lanes>(sums: &mut [Octet<L::Real>; 3], values: [L; 3]) {
+    // SAFETY: whole octets.
+    unsafe {
+        values[0].store(sums[0].0.as_mut_ptr());
+        values[1].store(sums[1].0.as_mut_ptr());
+        values[2].store(sums[2].0.as_mut_ptr());
+    }
+}
+
+/// The springs from the nodes of row A to those of row B, one node further by X: stiffness `k`, damper `kb`.
 #[inline(always)]
 unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const DAMPED: bool>(
     s: &Scratch<L::Real>,
@@ -657,7 +701,7 @@ unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const
     kb: L,
     c: &Constants<L>,
     strain: &mut L,
-) -> [L; 3] {
+) -> Pull<L> {
     // SAFETY: as the caller's.
     let d = unsafe {
         [
@@ -667,7 +711,7 @@ unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const
         ]
     };
 
-    // r·d / h: a signed sum of the components along the spring.
+    // -r·d / h, for `d` is taken from B to A: a signed sum of the components along the spring.
     let rd = match (X != 0, Y != 0, Z != 0) {
         (true, false, false) => d[0],
         (false, true, false) => d[1],
@@ -684,7 +728,7 @@ unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const
     };
     let l = [along(X, d[0], c), along(Y, d[1], c), along(Z, d[2], c)];
 
-    let elongation = class.elongation(squared_change(d, rd, c.h2));
+    let elongation = class.elongation(squared_change(d, rd, c.minus_2h));
     // Edges alone are watched: a body diagonal hardly stretches without one.
     if X.abs() + Y.abs() + Z.abs() == 1 {
         *strain = elongation.magnitude_where(k).max(*strain);
@@ -702,7 +746,7 @@ unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const
         let rate = l[0].fma(dv[0], l[1].fma(dv[1], l[2].mul(dv[2])));
         scale = kb.mul(class.inverse_length2).fma(rate, scale);
     }
-    [scale.mul(l[0]), scale.mul(l[1]), scale.mul(l[2])]
+    Pull { size: scale, way: l }
 }
 
 /// ±p ± q.

@@ -1,6 +1,7 @@
 //! WHERE, on the processor: SIMD over rows of eight nodes, a few persistent threads.
 
 pub mod contact;
+pub mod denormal;
 pub mod lanes;
 pub mod lattice;
 pub mod nodes;

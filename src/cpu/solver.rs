@@ -461,7 +461,7 @@ impl<R: CpuReal> Core<R> {
         let lattice = self.bricks.model.lattice();
         let (h, slots) = (lattice.cell_m(), lattice.slot_count() as u32);
         let mut mass = vec![0.0; 3 * slots as usize];
-        for slot in (0..slots).filter(|&s| lattice.words()[s as usize] != 0) {
+        for slot in lattice.slots() {
             let m = lattice.node_mass(slot, |material| self.corner_kg[usize::from(material)]);
             for axis in 0..3 {
                 if self.flags[slot as usize] & (flag::FIX_X << axis) == 0 {

@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
+use super::denormal::FlushToZero;
+
 /// How long a worker spins for its next job before it parks.
 const SPIN: Duration = Duration::from_micros(200);
 /// Rounds of a barrier before a thread gives its processor away: there may be fewer processors than threads.
@@ -151,6 +153,7 @@ fn serve(shared: &Shared, index: usize) {
 fn call(shared: &Shared, words: [usize; 2], index: usize) {
     // SAFETY: `run` stored the pointer, has not returned yet, and nothing else writes `job` meanwhile.
     let job = unsafe { std::mem::transmute::<[usize; 2], &(dyn Fn(&Member) + Sync)>(words) };
+    let _mode = FlushToZero::new();
     job(&Member { index, count: shared.barrier.count, barrier: &shared.barrier });
 }
 

@@ -193,6 +193,11 @@ impl Lattice {
         self.words.len()
     }
 
+    /// The slots that hold a node, ascending `[node_count]`.
+    pub fn slots(&self) -> impl Iterator<Item = u32> + '_ {
+        self.words.iter().enumerate().filter(|(_, word)| **word != 0).map(|(slot, _)| slot as u32)
+    }
+
     /// The eight cell materials around each node `[slot_count]`, four bits each: bits 4c to 4c + 3 hold the cell at offset
     /// `(c & 1, c >> 1 & 1, c >> 2 & 1) - 1`, so nibble 7 is the node's own cell `(i, j, k)`. 0 where there is no node.
     pub fn words(&self) -> &[u32] {

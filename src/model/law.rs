@@ -68,7 +68,7 @@ impl<N: Num> SpringClass<N> {
 }
 
 /// |l|² − L² of a spring whose ends moved apart by `d`: 2 r·d + d·d, with `rd` = r·d / h (a signed sum of components) and
-/// `h2` = 2 h.
+/// `h2` = 2 h; or both of opposite sign.
 #[inline(always)]
 pub fn squared_change<N: Num>(d: [N; 3], rd: N, h2: N) -> N {
     rd.fma(h2, d[0].fma(d[0], d[1].fma(d[1], d[2].mul(d[2]))))

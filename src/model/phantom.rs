@@ -113,7 +113,7 @@ pub fn thorax(voxel_m: f64) -> Result<LabelGrid> {
     let mut labels = vec![0; voxel_count(dims)?];
     for (n, label) in labels.iter_mut().enumerate() {
         let voxel = [n % dims[0], n / dims[0] % dims[1], n / (dims[0] * dims[1])];
-        *label = body::label_at(&(first + Vec3::from(voxel.map(|x| x as f64 * voxel_m)))) as u16;
+        *label = body::label_at(&(first + Vec3::from(voxel.map(|x| x as f64 * voxel_m))), voxel_m) as u16;
     }
 
     let mut canvas = Canvas { dims, voxel_m, first, labels };

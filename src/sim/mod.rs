@@ -226,7 +226,7 @@ impl Sim {
         Ok(self.with(|state| state.pick(origin_m, direction)))
     }
 
-    /// A nodal quantity for every node, in slot order `[node_count]`.
+    /// A nodal quantity for every node, in the order of [`Lattice::slots`](crate::model::lattice::Lattice::slots) `[node_count]`.
     pub fn nodes(&self, field: NodeField) -> Vec<Vec3> {
         self.with(|state| state.nodes(field))
     }

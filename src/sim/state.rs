@@ -241,8 +241,8 @@ impl State {
 
     pub fn nodes(&self, field: NodeField) -> Vec<Vec3> {
         let (lattice, frame) = (self.model.lattice(), self.model.frame());
-        let slots = (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0);
-        slots
+        lattice
+            .slots()
             .map(|slot| match field {
                 NodeField::RestPosition => frame.transform_point(&lattice.rest_position(slot).into()).coords,
                 NodeField::Displacement => frame * self.solver.displacement(slot),
@@ -261,7 +261,7 @@ impl State {
         let half = 0.5 * self.statistics.substep_s;
         let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
-        for slot in (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0) {
+        for slot in lattice.slots() {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
             // Velocities lag by half a substep; at the time of the displacements they are this.
             let v = self.solver.velocity(slot);

@@ -76,7 +76,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_to_m: f64) -> Result<TriangleMesh
 
     let (file, length) = open(path)?;
     let mut bytes = Vec::new();
-    file.take(length).read_to_end(&mut bytes).map_err(|source| Error::Io { path: path.into(), source })?;
+    file.take(length).read_to_end(&mut bytes).map_err(|reason| Error::Io { path: path.into(), reason })?;
     let what = path.display().to_string();
     let mut mesh = parse(&what, &bytes)?;
     for position in &mut mesh.positions {
@@ -91,7 +91,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_to_m: f64) -> Result<TriangleMesh
 
 /// Opens a regular file; a pipe or a device, which may never end, is refused. Answers its length in bytes.
 fn open(path: &Path) -> Result<(File, u64)> {
-    let io_error = |source| Error::Io { path: path.into(), source };
+    let io_error = |reason| Error::Io { path: path.into(), reason };
     let file = File::open(path).map_err(io_error)?;
     let metadata = file.metadata().map_err(io_error)?;
     if !metadata.is_file() {
@@ -104,7 +104,7 @@ fn open(path: &Path) -> Result<(File, u64)> {
 fn open_volume(path: &Path) -> Result<Volume> {
     let (file, length) = open(path)?;
     let mut reader = BufReader::new(file);
-    let start = reader.fill_buf().map_err(|source| Error::Io { path: path.into(), source })?;
+    let start = reader.fill_buf().map_err(|reason| Error::Io { path: path.into(), reason })?;
     let (is_nrrd, is_gzip) = (start.starts_with(b"NRRD"), start.starts_with(&[0x1f, 0x8b]));
 
     let what = path.display().to_string();

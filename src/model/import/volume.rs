@@ -69,7 +69,7 @@ pub(super) fn read_error(what: &str, error: std::io::Error) -> Error {
         ErrorKind::InvalidInput | ErrorKind::InvalidData => {
             Error::format(what, format!("the compressed data is damaged: {error}"))
         }
-        _ => Error::Io { path: what.into(), source: error },
+        _ => Error::Io { path: what.into(), reason: error },
     }
 }
 

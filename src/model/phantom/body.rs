@@ -24,15 +24,18 @@ const RIB_STEP: f64 = 0.0162;
 const RIB_ENDS: [f64; 12] = [2.75, 2.75, 2.75, 2.75, 2.75, 2.75, 2.75, 2.55, 2.35, 2.10, 1.60, 1.15];
 
 /// The label at a point, before airways, vessels and the tumour are drawn.
-pub(super) fn label_at(p: &Vec3) -> Label {
+///
+/// Skin is at least one voxel thick, so that it stays closed at any resolution.
+pub(super) fn label_at(p: &Vec3, voxel_m: f64) -> Label {
     let depth = depth_below_skin(p);
     if depth < 0.0 {
         return Label::Outside;
     }
-    if depth < SKIN_M {
+    let skin = SKIN_M.max(voxel_m);
+    if depth < skin {
         return Label::Skin;
     }
-    if depth < SKIN_M + fat_thickness(p) {
+    if depth < skin + fat_thickness(p) {
         return Label::Fat;
     }
 

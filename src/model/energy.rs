@@ -6,17 +6,19 @@ use crate::math::Vec3;
 
 /// Energy in J of all springs and volume terms, for the displacement `u` of each slot in m.
 pub fn elastic_j(lattice: &Lattice, laws: &[CellLaw; 16], u: impl Fn(u32) -> Vec3) -> f64 {
+    let h = lattice.cell_m();
+    let classes = [1, 2, 3].map(|diagonal| SpringClass::new(diagonal, h));
     lattice
         .occupied()
         .map(|(cell, material)| {
             let moved = lattice.corners(cell).map(&u);
-            cell_j(&laws[usize::from(material)], lattice.cell_m(), &moved)
+            cell_j(&laws[usize::from(material)], h, &classes, &moved)
         })
         .sum()
 }
 
 /// Energy in J of one cell whose corners moved by `u`.
-fn cell_j(law: &CellLaw, h: f64, u: &[Vec3; 8]) -> f64 {
+fn cell_j(law: &CellLaw, h: f64, classes: &[SpringClass<f64>; 3], u: &[Vec3; 8]) -> f64 {
     let mut springs = 0.0;
     for a in 0..8_usize {
         for b in a + 1..8 {
@@ -27,7 +29,7 @@ fn cell_j(law: &CellLaw, h: f64, u: &[Vec3; 8]) -> f64 {
             let along = |axis: usize| f64::from((b >> axis & 1) as i32 - (a >> axis & 1) as i32);
             let rd = along(0) * d.x + along(1) * d.y + along(2) * d.z;
 
-            let class = SpringClass::<f64>::new(diagonal, h);
+            let class = &classes[diagonal as usize - 1];
             let e = squared_change([d.x, d.y, d.z], rd, 2.0 * h);
             let stretched = (class.length2 + e).sqrt();
             let change = e / (stretched + class.length);

@@ -8,13 +8,14 @@
 //! | key | what |
 //! |---|---|
 //! | `us_per_step` | median over steps of wall time by substeps: what one pass over all nodes costs |
+//! | `least_us_per_step`, `baseline_least_us` | the fastest of them, for machines that are busy with something else |
 //! | `p50_us`, `p99_us`, `p999_us` | wall time of whole steps: what a servo loop waits |
 //! | `rtf` | simulated by wall time of all measured steps |
 //! | `dt_s`, `substep_s`, `substeps` | simulated length of a step, of a substep, and how many of these the last step had |
 //! | `awake_nodes` | mean over the measured steps |
 //! | `allocations` | heap allocations by any thread while steps were measured |
 //! | `bytes_per_node` | resident for state and topology, without surfaces |
-//! | `baseline_us_per_step`, `ratio` | median of [`baseline::Serial`]'s steps, before and after; by `us_per_step` |
+//! | `baseline_us_per_step`, `ratio` | median of [`baseline::Serial`]'s steps, taken before and after; that over `us_per_step` |
 //!
 //! Gravity is on and the rest shape is in balance with it, as in any simulation that does not ask otherwise; so is background drag.
 

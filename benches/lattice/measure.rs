@@ -114,6 +114,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
         substep_s: statistics.substep_s,
         substeps: statistics.substeps_per_step,
         us_per_step,
+        least_us_per_step: passes_us[0],
         steps_per_s: 1e6 / us_per_step,
         p50_us: quantile(&mut walls_us, 0.5),
         p99_us: quantile(&mut walls_us, 0.99),
@@ -126,6 +127,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
         max_strain: strain,
         baseline: baseline::NAME,
         baseline_us_per_step,
+        baseline_least_us: serial_us[0],
         ratio: baseline_us_per_step / us_per_step,
     })
 }

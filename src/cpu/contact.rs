@@ -35,6 +35,8 @@ const MAX_DIVISION: u32 = 32;
 const MAX_MOVES: f64 = 64.0;
 /// Share of a cell by which a point may be pushed out in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
+/// "Not near a tool" in [`ContactSurface::place_of`].
+const FAR: u32 = u32::MAX;
 /// Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 const MOVABLE: f64 = 1e-3;
 
@@ -64,8 +66,14 @@ pub struct ContactSurface {
     grouped: Vec<u32>,
     /// Longest rest edge of each triangle.
     longest_edge: Vec<f64>,
-    /// Triangles that a tool may meet in this step.
-    near: Vec<u32>,
+    /// Triangles that a tool may meet in this step, with their corners' places in `near_vertices`.
+    near: Vec<(u32, [u32; 3])>,
+    /// Vertices of those triangles, each once: six triangles share a vertex, and moving one reads eight nodes.
+    near_vertices: Vec<u32>,
+    /// Where they are, filled for each look at the contact.
+    moved_vertices: Vec<Vec3>,
+    /// The place of each vertex in `near_vertices`, or [`FAR`].
+    place_of: Vec<u32>,
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
     nodes: Vec<TouchedNode>,
@@ -148,12 +156,15 @@ impl ContactSurface {
                 (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max)
             })
             .collect();
-        let near = Vec::with_capacity(grouped.len());
+        let vertices = surface.positions.len();
         Self {
             groups,
+            near: Vec::with_capacity(grouped.len()),
+            near_vertices: Vec::with_capacity(vertices),
+            moved_vertices: Vec::with_capacity(vertices),
+            place_of: vec![FAR; vertices],
             grouped,
             longest_edge,
-            near,
             points: Vec::with_capacity(MAX_POINTS),
             carried: Vec::with_capacity(MAX_POINTS * 3 * ROW),
             nodes: Vec::with_capacity(MAX_NODES),
@@ -177,24 +188,41 @@ impl ContactSurface {
     /// Forgets all contacts.
     pub fn clear(&mut self) {
         self.near.clear();
+        for vertex in self.near_vertices.drain(..) {
+            self.place_of[vertex as usize] = FAR;
+        }
         self.points.clear();
         self.touched_bricks.clear();
     }
 
     /// Lists the triangles that tools may meet during a step. `moved` bounds how far nodes of a brick and its neighbours are from
-    /// rest, `margin` how far they move during the step.
-    pub fn gather(&mut self, tools: &[ToolStep], moved: impl Fn(u32) -> f64, margin: f64) {
-        self.near.clear();
+    /// rest, `most` how far any node is, `margin` how far they move during the step.
+    pub fn gather(&mut self, tools: &[ToolStep], moved: impl Fn(u32) -> f64, most: f64, margin: f64) {
+        self.clear();
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
         for group in &self.groups {
-            let slack = moved(group.brick) + margin;
-            let hit = tools.iter().any(|tool| {
-                let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
-                let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
-                let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
-                (0..3).all(|i| low[i] <= group.high[i] && group.low[i] <= high[i])
-            });
-            if hit {
-                self.near.extend_from_slice(&self.grouped[group.start as usize..group.end as usize]);
+            let is_within = |slack: f64| {
+                tools.iter().any(|tool| {
+                    let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
+                    let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
+                    let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
+                    (0..3).all(|i| low[i] <= group.high[i] && group.low[i] <= high[i])
+                })
+            };
+            // Most groups are far from any tool, whatever their own bricks did.
+            if !is_within(most + margin) || !is_within(moved(group.brick) + margin) {
+                continue;
+            }
+            for &triangle in &self.grouped[group.start as usize..group.end as usize] {
+                let places = surface.triangles[triangle as usize].map(|vertex| {
+                    let place = &mut self.place_of[vertex as usize];
+                    if *place == FAR {
+                        *place = self.near_vertices.len() as u32;
+                        self.near_vertices.push(vertex);
+                    }
+                    *place
+                });
+                self.near.push((triangle, places));
             }
         }
     }
@@ -252,6 +280,12 @@ impl ContactSurface {
         self.index.clear();
         let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
+        self.moved_vertices.clear();
+        self.moved_vertices.extend(self.near_vertices.iter().map(|&vertex| {
+            let row = &surface.rows[vertex as usize];
+            let moved = (0..ROW).map(|i| nodes.u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
+            surface.positions[vertex as usize] + moved.sum::<Vec3>()
+        }));
 
         for (number, tool) in tools.iter().enumerate() {
             let pose = tool.path.at(t);
@@ -259,13 +293,9 @@ impl ContactSurface {
             let radius = tool.desc.bounding_radius_m();
             let spacing = 0.5 * tool.desc.feature_m();
             for at in 0..self.near.len() {
-                let triangle = self.near[at];
+                let (triangle, places) = self.near[at];
                 let vertices = surface.triangles[triangle as usize];
-                let corners = vertices.map(|v| {
-                    let row = &surface.rows[v as usize];
-                    let moved = (0..ROW).map(|i| nodes.u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
-                    surface.positions[v as usize] + moved.sum::<Vec3>()
-                });
+                let corners = places.map(|place| self.moved_vertices[place as usize]);
                 let outside = |axis: usize| {
                     let (low, high) = (centre[axis] - radius, centre[axis] + radius);
                     corners.iter().all(|p| p[axis] < low) || corners.iter().all(|p| p[axis] > high)

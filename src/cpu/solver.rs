@@ -230,7 +230,8 @@ impl<R: CpuReal> Core<R> {
                 let near = bricks.neighbours[brick as usize].iter().filter(|&&n| n != NO_BRICK);
                 f64::from(near.map(|&n| marks[n as usize].displacement2).fold(0.0, f32::max)).sqrt()
             };
-            self.contact.gather(plan.tools, moved, margin);
+            let most = f64::from(marks.iter().map(|m| m.displacement2).fold(0.0, f32::max)).sqrt();
+            self.contact.gather(plan.tools, moved, most, margin);
         }
         self.aim();
     }

@@ -13,8 +13,9 @@ use super::denormal::FlushToZero;
 
 /// How long a worker spins for its next job before it parks.
 const SPIN: Duration = Duration::from_micros(200);
-/// Rounds of a barrier before a thread gives its processor away: there may be fewer processors than threads.
-const PATIENCE: u32 = 20_000;
+/// Rounds of a barrier before a thread gives its processor away: there may be fewer processors than threads, or another program may
+/// hold up the thread that is waited for. Some ten microseconds; giving way to nobody costs less than one.
+const PATIENCE: u32 = 2_000;
 
 /// The threads of one simulation. The thread that calls [`Workers::run`] is one of them.
 #[derive(Debug)]

@@ -1,0 +1,93 @@
+//! The command line.
+
+use clap::{Parser, ValueEnum};
+
+/// Measures steps of the lattice with a tool in contact.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "lattice")]
+pub struct Options {
+    /// Where the simulation runs
+    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
+    pub backend: Backend,
+
+    /// Scene to run; may be repeated. All when left out
+    #[arg(long = "scene", value_enum, value_name = "NAME")]
+    pub scenes: Vec<SceneName>,
+
+    /// Nodes of the ellipsoid, as near as it can be; 4,000, 34,108, 82,105 and 262,144 when left out
+    #[arg(long, value_name = "N")]
+    pub nodes: Option<usize>,
+
+    /// Simulated length of a step; it has as many substeps as the model needs
+    #[arg(long, value_name = "S", default_value_t = 1e-3)]
+    pub dt: f64,
+
+    /// Poisson's ratio of all tissue; 0.25 and 0.45 in the ellipsoid, presets in the thorax when left out
+    #[arg(long, value_name = "V")]
+    pub nu: Option<f64>,
+
+    /// Young's modulus of all tissue; 3 kPa in the ellipsoid, presets in the thorax when left out
+    #[arg(long, value_name = "PA")]
+    pub young: Option<f64>,
+
+    /// Cap on Young's modulus in the thorax
+    #[arg(long, value_name = "PA", default_value_t = 20e3)]
+    pub young_cap: f64,
+
+    /// Arithmetic of a step
+    #[arg(long, value_enum, default_value_t = Arithmetic::F32)]
+    pub precision: Arithmetic,
+
+    /// Simulated time that is measured in each scene
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    pub seconds: f64,
+
+    /// Threads that compute; 0 for one on each core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub threads: usize,
+
+    /// Print one JSON object per line instead of a table
+    #[arg(long)]
+    pub json: bool,
+
+    /// What cargo adds to the command line of a bench
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// Where a simulation runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Backend {
+    Cpu,
+    Cuda,
+}
+
+/// The arithmetic of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Arithmetic {
+    F32,
+    F64,
+}
+
+/// What is simulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SceneName {
+    /// Axes 1 : 0.7 : 0.5, one material, a sphere pressed in.
+    Ellipsoid,
+    /// The thorax at a third of its resolution.
+    #[value(name = "thorax-4.5mm")]
+    Thorax45,
+    /// The thorax at half its resolution.
+    #[value(name = "thorax-3mm")]
+    Thorax3,
+    /// The lungs alone, with their vessels and airway walls.
+    #[value(name = "lung-4.5mm")]
+    Lung45,
+}
+
+impl Options {
+    /// The scenes asked for.
+    pub fn scenes(&self) -> Vec<SceneName> {
+        if self.scenes.is_empty() { SceneName::value_variants().to_vec() } else { self.scenes.clone() }
+    }
+}

@@ -19,8 +19,8 @@ impl FlushToZero {
             let mut before = 0_u32;
             // SAFETY: stores a control register that every x86-64 processor has.
             unsafe {
-                std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut before, options(nostack, preserves_flags))
-            };
+                std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut before, options(nostack, preserves_flags));
+            }
             set(before | FLUSH);
             Self { before }
         }
@@ -46,8 +46,8 @@ impl Drop for FlushToZero {
 fn set(mode: u32) {
     // SAFETY: only the two bits that say how subnormal numbers are treated differ from what the register held.
     unsafe {
-        std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const mode, options(nostack, readonly, preserves_flags))
-    };
+        std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const mode, options(nostack, readonly, preserves_flags));
+    }
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]

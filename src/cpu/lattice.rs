@@ -382,8 +382,8 @@ unsafe fn stage<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
                     let local = (z - z_start + z_first) * 4 + y - y_start + y_first;
                     // SAFETY: a row of an existing brick; as the caller's.
                     unsafe {
-                        copy_row::<L, VOLUME, DAMPED>(pass, s, row, x, brick as usize, local, has_cells)
-                    };
+                        copy_row::<L, VOLUME, DAMPED>(pass, s, row, x, brick as usize, local, has_cells);
+                    }
                     holds |= u64::from(pass.bricks.rows[brick as usize] >> local & 1) << row;
                 }
             }

@@ -70,7 +70,7 @@ unsafe impl<T: ?Sized> Sync for Shared<T> {}
 
 impl<R: CpuReal> CpuSolver<R> {
     /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included.
-    pub fn new(model: Arc<Model>, threads: usize) -> Self {
+    pub fn new(model: &Arc<Model>, threads: usize) -> Self {
         let lattice = model.lattice();
         let tables = LawTables::<R>::new(model.laws(), lattice.cell_m());
         let bricks = Bricks::new(model.clone());

@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(surface.triangles.len(), 7);
         assert_eq!(surface.rest_normals()[..4], sound.rest_normals());
         assert_eq!(surface.rest_normals()[4], Vec3::z());
-        let flattened = vec![Vec3::zeros(); 5];
+        let flattened = [Vec3::zeros(); 5];
         assert_eq!(surface.vertex_normal(0, |v| flattened[v as usize]), Vec3::z());
     }
 

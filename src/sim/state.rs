@@ -55,8 +55,8 @@ impl State {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if desc.threads == 0 { cores } else { desc.threads };
         let solver: Box<dyn Solver> = match desc.precision {
-            Precision::Single => Box::new(CpuSolver::<f32>::new(model.clone(), threads)),
-            Precision::Double => Box::new(CpuSolver::<f64>::new(model.clone(), threads)),
+            Precision::Single => Box::new(CpuSolver::<f32>::new(&model, threads)),
+            Precision::Double => Box::new(CpuSolver::<f64>::new(&model, threads)),
         };
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);

@@ -171,6 +171,25 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         self.core.nodes.v.vec3(slot)
     }
 
+    fn velocities(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.core.flags.len() as u32).map(|slot| self.core.nodes.v.vec3(slot)));
+    }
+
+    fn largest_change(&self, before: &[Vec3]) -> f64 {
+        let v = &self.core.nodes.v;
+        (0..).zip(before).map(|(slot, old)| (v.vec3(slot) - old).norm()).fold(0.0, f64::max)
+    }
+
+    fn halt(&mut self) {
+        let nodes = &mut self.core.nodes;
+        nodes.v.0.fill(Default::default());
+        if let Some(v_next) = &mut nodes.v_next {
+            v_next.0.fill(Default::default());
+        }
+        self.core.sleep.wake_all(&self.core.bricks);
+    }
+
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
         let nodes = &mut self.core.nodes;
         nodes.u.set(slot, displacement);

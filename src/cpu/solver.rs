@@ -45,6 +45,8 @@ struct Core<R: CpuReal> {
     stable_dt: f64,
     last_dt: f64,
     vis_viva: f64,
+    /// Whether kinetic damping has just cleared the velocities.
+    is_cleared: bool,
     buffers: Buffers<R>,
 }
 
@@ -86,6 +88,7 @@ impl<R: CpuReal> CpuSolver<R> {
             stable_dt: 0.0,
             last_dt: 0.0,
             vis_viva: 0.0,
+            is_cleared: true,
             buffers: Buffers {
                 u: std::ptr::null(),
                 v: std::ptr::null(),
@@ -214,6 +217,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);
         core.contact.clear();
         core.vis_viva = 0.0;
+        core.is_cleared = true;
         core.sleep.wake_all(&core.bricks);
     }
 
@@ -281,7 +285,7 @@ impl<R: CpuReal> Core<R> {
             marks: self.buffers.marks,
             dt: plan.dt,
             gravity: [g.x, g.y, g.z],
-            keep: 1.0 / (1.0 + plan.drag_per_s * plan.dt),
+            keep: self.keep(plan),
             watch,
         };
         let (awake, watched) = (self.sleep.awake(), self.sleep.watched());
@@ -304,11 +308,17 @@ impl<R: CpuReal> Core<R> {
         }
     }
 
+    /// What is left of a velocity after a substep's kick. Velocities lag by half a substep: from rest, where kinetic damping has put
+    /// them, the first kick is half a one. A whole one would add energy to modes near the stable step.
+    fn keep(&self, plan: &StepPlan) -> f64 {
+        if plan.kinetic_damping && self.is_cleared { 0.5 } else { 1.0 / (1.0 + plan.drag_per_s * plan.dt) }
+    }
+
     /// What one thread does alone after all runs have advanced.
     fn finish(&mut self, plan: &StepPlan, substep: u32, sums: &mut [ToolSum], report: &mut StepReport) {
         let duration = plan.dt * f64::from(plan.substeps);
         let span = [0, 1].map(|end| f64::from(substep + end) / f64::from(plan.substeps));
-        let keep = 1.0 / (1.0 + plan.drag_per_s * plan.dt);
+        let keep = self.keep(plan);
         for loads in plan.loads {
             self.push(loads, plan.dt, keep);
         }
@@ -342,11 +352,10 @@ impl<R: CpuReal> Core<R> {
             .flat_map(|run| &self.marks[run.first..run.end()])
             .map(|m| f64::from(m.vis_viva))
             .sum();
-        if plan.kinetic_damping && vis_viva < self.vis_viva {
+        self.is_cleared = plan.kinetic_damping && vis_viva < self.vis_viva;
+        self.vis_viva = if self.is_cleared { 0.0 } else { vis_viva };
+        if self.is_cleared {
             self.nodes.v.0.fill(Default::default());
-            self.vis_viva = 0.0;
-        } else {
-            self.vis_viva = vis_viva;
         }
         if plan.sleeping {
             self.put_to_sleep(plan);

@@ -325,8 +325,9 @@ impl<R: CpuReal> Core<R> {
         for region in plan.regions {
             self.drive(region, span[1], plan.dt);
         }
-        let Nodes { u_next, v, v_next, .. } = &mut self.nodes;
+        let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let mut nodes = ContactNodes {
+            u_before: u,
             u: u_next,
             v: v_next.as_mut().unwrap_or(v),
             flags: &self.flags,
@@ -395,7 +396,9 @@ impl<R: CpuReal> Core<R> {
 
     /// Moves a rigid region to where it is after the fraction `t` of the step.
     fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) {
-        let pose = region.from.try_lerp_slerp(&region.to, t, 1e-9).unwrap_or(region.to);
+        // The end itself, not an interpolation's rounding of it.
+        let between = (t < 1.0).then(|| region.from.try_lerp_slerp(&region.to, t, 1e-9)).flatten();
+        let pose = between.unwrap_or(region.to);
         let model = self.bricks.model.clone();
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let v = v_next.as_mut().unwrap_or(v);

@@ -70,7 +70,8 @@ fn stress(tissue: &palpate::model::material::Material, gradient: &Mat3) -> Mat3 
 #[test]
 fn affine_strain_stores_the_energy_of_the_continuum() {
     let mut claim = Claim::new("affine energy");
-    let tissues = [material(YOUNG, 0.25, 1000.0), material(3.0 * YOUNG, 0.45, 1000.0), material(500.0, 0.49, 900.0)];
+    let tissues =
+        [material(YOUNG, 0.25, 1000.0), material(3.0 * YOUNG, 0.45, 1000.0), material(500.0, 0.49, 900.0)];
     // Materials in patches and a hole through the body, so that free surfaces and mixed cells all take part.
     let label = |[i, j, k]: [usize; 3]| if i == 3 && j == 2 { 0 } else { 1 + ((i / 2 + j + k) % 3) as u16 };
     let uses: Vec<_> = (1..).zip(tissues.iter().map(|t| LabelUse::Tissue(t.clone()))).collect();
@@ -87,9 +88,8 @@ fn affine_strain_stores_the_energy_of_the_continuum() {
                 0.5 * stress(tissue, &gradient).component_mul(&strain).sum() * H.powi(3)
             })
             .sum();
-        let found = energy::elastic_j(model.lattice(), model.laws(), |s| {
-            gradient * model.lattice().rest_position(s)
-        });
+        let found =
+            energy::elastic_j(model.lattice(), model.laws(), |s| gradient * model.lattice().rest_position(s));
         claim.check(tol::AFFINE_ENERGY, &format!("gradient {case}"), found / expected - 1.0);
     }
 }
@@ -114,7 +114,9 @@ fn affine_strain_pulls_free_surfaces_with_its_stress_and_nothing_else() {
                 let word = lattice.words()[slot];
                 let cells = (0..8).filter(|c| word >> (4 * c) & 15 != 0);
                 let outward: Vec3 = cells
-                    .map(|c: u32| Vec3::from_fn(|a, _| if c >> a & 1 == 1 { 1.0 } else { -1.0 } * H * H / 4.0))
+                    .map(|c: u32| {
+                        Vec3::from_fn(|a, _| if c >> a & 1 == 1 { 1.0 } else { -1.0 } * H * H / 4.0)
+                    })
                     .sum();
                 let off = (f - sigma * outward).norm();
                 let is_corner = (0..8).filter(|c| word >> (4 * c) & 15 != 0).count() == 1;
@@ -139,10 +141,8 @@ fn pulled(cells: usize, poisson: f64, traction: f64) -> Body {
     // Critical for the slowest mode, a quarter wave along the block at √(E / ρ).
     let slowest = 0.5 * std::f64::consts::PI * (YOUNG / 1000.0).sqrt() / (cells as f64 * H);
     let mut body = Body::new(&build, &dragged(2.0 * slowest));
-    let load = Load::Traction {
-        region: faces_at(0, cells as f64 * H),
-        traction_pa: Vec3::new(traction, 0.0, 0.0),
-    };
+    let load =
+        Load::Traction { region: faces_at(0, cells as f64 * H), traction_pa: Vec3::new(traction, 0.0, 0.0) };
     body.sim.add_load(&load).unwrap();
     body.steps((60.0 / slowest / 1e-3) as usize);
     body
@@ -164,9 +164,10 @@ fn uniform_traction_recovers_youngs_modulus_and_poissons_ratio() {
         claim.check(tol::MODULI, &format!("E at nu {poisson}"), 1e-4 / along - 1.0);
         claim.check(tol::MODULI, &format!("nu {poisson}"), -across / along / poisson - 1.0);
         let u = body.u();
-        let bent = u.iter().zip(&body.rest).map(|(u, x)| {
-            (u - Vec3::new(along * x.x, across * x.y, across * x.z)).norm() / (1e-4 * 4.0 * H)
-        });
+        let bent = u
+            .iter()
+            .zip(&body.rest)
+            .map(|(u, x)| (u - Vec3::new(along * x.x, across * x.y, across * x.z)).norm() / (1e-4 * 4.0 * H));
         claim.check(tol::UNIFORM, &format!("uniform strain, nu {poisson}"), bent.fold(0.0, f64::max));
     }
 }
@@ -290,7 +291,11 @@ fn loads_give_a_free_body_exactly_their_impulse() {
     let traction_pa = Vec3::new(3.0, 4.0, -5.0);
     let loads = [
         ("point", Load::Point { at_m: Vec3::new(0.013, 0.017, 0.021), force_n }, force_n),
-        ("traction", Load::Traction { region: faces_at(2, 4.0 * H), traction_pa }, traction_pa * 16.0 * H * H),
+        (
+            "traction",
+            Load::Traction { region: faces_at(2, 4.0 * H), traction_pa },
+            traction_pa * 16.0 * H * H,
+        ),
     ];
     for (name, load, total) in loads {
         let mut body = Body::new(&block([4; 3], H, tissue.clone()), &exact());

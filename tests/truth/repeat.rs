@@ -15,12 +15,7 @@ fn scene(precision: Precision, threads: usize, damping_s: f64) -> (Body, ToolPor
     tissue.damping_s = damping_s;
     let mut build = ellipsoid([22, 14, 10], H, tissue);
     hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 2.0 * H), [true; 3]);
-    let desc = SimDesc {
-        precision,
-        threads,
-        gravity_m_s2: Vec3::new(0.0, 0.0, -9.81),
-        ..SimDesc::default()
-    };
+    let desc = SimDesc { precision, threads, gravity_m_s2: Vec3::new(0.0, 0.0, -9.81), ..SimDesc::default() };
     let mut body = Body::new(&build, &desc);
     let traction_pa = Vec3::new(0.0, 5.0, 0.0);
     body.sim.add_load(&Load::Traction { region: faces_at(0, 4.0 * H), traction_pa }).unwrap();

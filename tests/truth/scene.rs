@@ -18,7 +18,12 @@ pub fn material(young_pa: f64, poisson: f64, density_kg_m3: f64) -> Material {
 }
 
 /// Cells of edge `h` from the label of each; the lowest corner is the world's origin, so that model frame and world agree.
-pub fn voxels(cells: [usize; 3], h: f64, label: impl Fn([usize; 3]) -> u16, uses: &[(u16, LabelUse)]) -> Build {
+pub fn voxels(
+    cells: [usize; 3],
+    h: f64,
+    label: impl Fn([usize; 3]) -> u16,
+    uses: &[(u16, LabelUse)],
+) -> Build {
     let count: usize = cells.iter().product();
     let labels = (0..count)
         .map(|n| label([n % cells[0], n / cells[0] % cells[1], n / (cells[0] * cells[1])]))
@@ -140,10 +145,8 @@ impl Body {
         let slots: Vec<u32> =
             (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0).collect();
         let laws = model.laws();
-        let mass = slots
-            .iter()
-            .map(|&slot| lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg))
-            .collect();
+        let mass =
+            slots.iter().map(|&slot| lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg)).collect();
         let rest = slots.iter().map(|&slot| lattice.rest_position(slot)).collect();
         Self { sim: Sim::new(model.clone(), desc).unwrap(), slots, rest, mass }
     }

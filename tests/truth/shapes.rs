@@ -24,27 +24,35 @@ fn grids_of_any_shape_keep_mass_momentum_and_energy() {
         ("plate", block([9, 11, 1], H, tissue())),
         ("prime", block([7, 5, 3], H, tissue())),
         ("ragged and disconnected", ragged([9, 8, 7], H, 5, 0.3, [tissue(), material(2e4, 0.3, 800.0)])),
-        ("cells that touch in corners", voxels(
-            [4; 3],
-            H,
-            |[i, j, k]| u16::from(i == j && j == k),
-            &[(1, LabelUse::Tissue(tissue()))],
-        )),
+        (
+            "cells that touch in corners",
+            voxels([4; 3], H, |[i, j, k]| u16::from(i == j && j == k), &[(1, LabelUse::Tissue(tissue()))]),
+        ),
     ];
     for (name, build) in bodies {
         let mut body = Body::new(&build, &exact());
         let model = body.sim.model().clone();
-        let mass: f64 = model.materials().iter().enumerate().map(|(m, material)| {
-            let cells = model.lattice().occupied().filter(|(_, other)| usize::from(*other) == m + 1).count();
-            material.density_kg_m3 * H.powi(3) * cells as f64
-        }).sum();
+        let mass: f64 = model
+            .materials()
+            .iter()
+            .enumerate()
+            .map(|(m, material)| {
+                let cells =
+                    model.lattice().occupied().filter(|(_, other)| usize::from(*other) == m + 1).count();
+                material.density_kg_m3 * H.powi(3) * cells as f64
+            })
+            .sum();
         claim.check(tol::ROUNDING, &format!("{name}, mass"), body.mass.iter().sum::<f64>() / mass - 1.0);
 
         body.set(|x| (Vec3::zeros(), Vec3::new(0.01 * (90.0 * x.y).sin(), 0.01 * (70.0 * x.z).cos(), 0.02)));
         let (momentum, size) = body.momentum();
         let energy = body.total_energy();
         body.steps(300);
-        claim.check(tol::MOMENTUM_F64, &format!("{name}, momentum"), (body.momentum().0 - momentum).norm() / size);
+        claim.check(
+            tol::MOMENTUM_F64,
+            &format!("{name}, momentum"),
+            (body.momentum().0 - momentum).norm() / size,
+        );
         // Close to the stable step the energy swings, but what is bounded cannot run away.
         claim.check(tol::ENERGY_NEAR_LIMIT, &format!("{name}, energy"), body.total_energy() / energy - 1.0);
     }
@@ -55,7 +63,9 @@ fn of_two_bodies_in_one_grid_the_untouched_one_stays() {
     let label = |[i, _, _]: [usize; 3]| u16::from(i != 4);
     let build = voxels([9, 4, 4], H, label, &[(1, LabelUse::Tissue(tissue()))]);
     let mut body = Body::new(&build, &exact());
-    body.set(|x| (Vec3::zeros(), if x.x < 4.5 * H { Vec3::new(0.2, 0.05, 0.0) * x.z / H } else { Vec3::zeros() }));
+    body.set(|x| {
+        (Vec3::zeros(), if x.x < 4.5 * H { Vec3::new(0.2, 0.05, 0.0) * x.z / H } else { Vec3::zeros() })
+    });
     body.steps(200);
     let u = body.u();
     for (u, x) in u.iter().zip(&body.rest) {
@@ -88,7 +98,8 @@ fn a_driven_bone_moves_exactly_and_carries_its_tissue() {
         _ => 1,
     };
     let bone = material(1e10, 0.3, 1900.0);
-    let uses = [(1, LabelUse::Tissue(tissue())), (2, LabelUse::Rigid(bone.clone())), (3, LabelUse::Rigid(bone))];
+    let uses =
+        [(1, LabelUse::Tissue(tissue())), (2, LabelUse::Rigid(bone.clone())), (3, LabelUse::Rigid(bone))];
     let mut body = Body::new(&voxels([10, 4, 4], H, label, &uses), &dragged(60.0));
     let motion = |share: f64| {
         let turn = Quat::from_axis_angle(&Vec3::x_axis(), 0.02 * share);

@@ -22,59 +22,81 @@ pub const ROTATION_F64: Tolerance = tolerance("ROTATION_F64", 6e-16, "five round
 pub const AFFINE_ENERGY: Tolerance =
     tolerance("AFFINE_ENERGY", 1e-6, "springs are nonlinear by the strain, 1e-7, times a few");
 pub const AFFINE_FORCE: Tolerance = tolerance("AFFINE_FORCE", 1e-6, "as AFFINE_ENERGY");
-pub const CORNER_ARTEFACT: Tolerance = tolerance("CORNER_ARTEFACT", 1e-5, "k3 gamma h / 3 is exact but for 1e-7");
-pub const MODULI: Tolerance = tolerance("MODULI", 1e-3, "a strain of 1e-4 and what the nonlinear law adds to it");
+pub const CORNER_ARTEFACT: Tolerance =
+    tolerance("CORNER_ARTEFACT", 1e-5, "k3 gamma h / 3 is exact but for 1e-7");
+pub const MODULI: Tolerance =
+    tolerance("MODULI", 1e-3, "a strain of 1e-4 and what the nonlinear law adds to it");
 pub const UNIFORM: Tolerance = tolerance("UNIFORM", 1e-6, "one uniform strain is an exact equilibrium");
 pub const LARGE_STRAIN: Tolerance = tolerance("LARGE_STRAIN", 5e-4, "four digits of the reference stress");
-pub const BEAM_REFERENCE: Tolerance = tolerance("BEAM_REFERENCE", 2e-3, "three digits, and an unhurried e^-8");
+pub const BEAM_REFERENCE: Tolerance =
+    tolerance("BEAM_REFERENCE", 2e-3, "three digits, and an unhurried e^-8");
 pub const BEAM_CONVERGED: Tolerance = tolerance("BEAM_CONVERGED", 2e-2, "8 cells through the thickness");
-pub const LOAD_IMPULSE: Tolerance = tolerance("LOAD_IMPULSE", 2e-7, "weights of point loads are single precision");
+pub const LOAD_IMPULSE: Tolerance =
+    tolerance("LOAD_IMPULSE", 2e-7, "weights of point loads are single precision");
 pub const SETTLED: Tolerance = tolerance("SETTLED", 1e-4, "what was asked for");
-pub const SAG: Tolerance = tolerance("SAG", 1e-3, "what is left after settling, and stretch from 3e-4 strain");
-pub const SETTLED_MOTION: Tolerance = tolerance("SETTLED_MOTION", 1e-3, "SETTLED, over a mode a quarter wave long");
+pub const SAG: Tolerance =
+    tolerance("SAG", 1e-3, "what is left after settling, and stretch from 3e-4 strain");
+pub const SETTLED_MOTION: Tolerance =
+    tolerance("SETTLED_MOTION", 1e-3, "SETTLED, over a mode a quarter wave long");
 
 // ---- Dynamics ----------------------------------------------------
 
-pub const MOMENTUM_F32: Tolerance = tolerance("MOMENTUM_F32", 1e-5, "roundings of 1e5 substeps, as a random walk");
+pub const MOMENTUM_F32: Tolerance =
+    tolerance("MOMENTUM_F32", 1e-5, "roundings of 1e5 substeps, as a random walk");
 pub const ANGULAR_F32: Tolerance = tolerance("ANGULAR_F32", 1e-5, "as MOMENTUM_F32");
 pub const MOMENTUM_F64: Tolerance = tolerance("MOMENTUM_F64", 1e-12, "roundings of 1e5 substeps");
 pub const ANGULAR_F64: Tolerance = tolerance("ANGULAR_F64", 1e-12, "as MOMENTUM_F64");
-pub const ENERGY_SWING: Tolerance = tolerance("ENERGY_SWING", 1e-3, "a quarter of (omega dt)^2, omega dt < 0.03");
+pub const ENERGY_SWING: Tolerance =
+    tolerance("ENERGY_SWING", 1e-3, "a quarter of (omega dt)^2, omega dt < 0.03");
 pub const ENERGY_ORDER: Tolerance = tolerance("ENERGY_ORDER", 0.05, "the next order of the step");
-pub const ENERGY_DRIFT: Tolerance = tolerance("ENERGY_DRIFT", 1e-4, "beats of the swing that a tenth leaves over");
-pub const FREQUENCY_4: Tolerance = tolerance("FREQUENCY_4", 0.04, "half of what 4 cells lack in compliance, 0.066");
-pub const FREQUENCY_8: Tolerance = tolerance("FREQUENCY_8", 0.012, "half of what 8 cells lack in compliance, 0.017");
+pub const ENERGY_DRIFT: Tolerance =
+    tolerance("ENERGY_DRIFT", 1e-4, "beats of the swing that a tenth leaves over");
+pub const FREQUENCY_4: Tolerance =
+    tolerance("FREQUENCY_4", 0.04, "half of what 4 cells lack in compliance, 0.066");
+pub const FREQUENCY_8: Tolerance =
+    tolerance("FREQUENCY_8", 0.012, "half of what 8 cells lack in compliance, 0.017");
 pub const DISPERSION: Tolerance = tolerance("DISPERSION", 1e-6, "springs are nonlinear by the strain, 1e-8");
 pub const PHASE_SPEED: Tolerance = tolerance("PHASE_SPEED", 5e-5, "four digits of the reference");
 pub const STABLE_STEP: Tolerance = tolerance("STABLE_STEP", 1e-2, "a Ritz value approaches from below");
-pub const BOUNDED: Tolerance = tolerance("BOUNDED", 100.0, "times the noise; 1/sin of the phase at 0.99 is 7");
+pub const BOUNDED: Tolerance =
+    tolerance("BOUNDED", 100.0, "times the noise; 1/sin of the phase at 0.99 is 7");
 
 // ---- Contact -----------------------------------------------------
 
 pub const INDENTATION: Tolerance =
     tolerance("INDENTATION", 0.05, "six cells in the radius of contact, walls at ten radii");
-pub const THIRD_LAW_F32: Tolerance = tolerance("THIRD_LAW_F32", 1e-3, "velocities rounded in each substep");
-pub const THIRD_LAW_F64: Tolerance = tolerance("THIRD_LAW_F64", 1e-10, "velocities rounded in each substep");
-pub const TORQUE: Tolerance = tolerance("TORQUE", 5e-2, "the tool moves 0.2 mm in the step that its force is a mean of");
+pub const THIRD_LAW_F32: Tolerance = tolerance(
+    "THIRD_LAW_F32",
+    1e-6,
+    "velocities are rounded, and the weights of a point sum to 1 within 6e-8",
+);
+pub const THIRD_LAW_F64: Tolerance =
+    tolerance("THIRD_LAW_F64", 2e-7, "the single precision weights of a point sum to 1 within 6e-8");
+pub const TORQUE: Tolerance =
+    tolerance("TORQUE", 5e-2, "the tool moves 0.2 mm in the step that its force is a mean of");
 pub const TUNNELLING: Tolerance = tolerance("TUNNELLING", 0.5, "contact points are half a radius apart");
 pub const LOOP_LOSS: Tolerance = tolerance("LOOP_LOSS", 0.5, "between nothing and all of the work");
-pub const STICKING: Tolerance = tolerance("STICKING", 0.05, "sticking is by velocity: it creeps while pressed down");
+pub const STICKING: Tolerance =
+    tolerance("STICKING", 0.05, "sticking is by velocity: it creeps while pressed down");
 pub const SLIDING: Tolerance = tolerance("SLIDING", 0.02, "a few points at the rim stick");
 pub const COGGING: Tolerance = tolerance("COGGING", 0.25, "a node yields less than a face's middle");
-pub const COGGING_ALONG: Tolerance = tolerance("COGGING_ALONG", 0.25, "the slope of COGGING, and of drag");
+pub const COGGING_ALONG: Tolerance =
+    tolerance("COGGING_ALONG", 0.4, "the slope of COGGING, by half its wavelength over the depth pressed");
 pub const COGGING_STEP: Tolerance = tolerance("COGGING_STEP", 0.05, "no jumps: 20 um of a cell of 4 mm");
 pub const PINCH: Tolerance = tolerance("PINCH", 2e-2, "the body has come to rest between the tools");
 pub const COMPOUND: Tolerance = tolerance("COMPOUND", 1e-6, "the order of contact points, in eight sweeps");
-pub const TORQUE_ARM: Tolerance = tolerance("TORQUE_ARM", 0.02, "contacts of the last substep against a step's mean");
+pub const TORQUE_ARM: Tolerance =
+    tolerance("TORQUE_ARM", 0.02, "contacts of the last substep against a step's mean");
 
 // ---- Sleep and shapes --------------------------------------------
 
 pub const SLEEP_HIDES: Tolerance = tolerance("SLEEP_HIDES", 1e-2, "the promise of the sleep thresholds");
 pub const SLEEP_ENERGY: Tolerance = tolerance("SLEEP_ENERGY", 1e-4, "energy swings with the step");
 pub const ROUNDING: Tolerance = tolerance("ROUNDING", 1e-12, "sums in double precision");
-pub const ENERGY_NEAR_LIMIT: Tolerance = tolerance("ENERGY_NEAR_LIMIT", 0.3, "(omega dt)^2 / 4 of modes near the limit");
-pub const HALF_WAY: Tolerance = tolerance("HALF_WAY", 1e-2, "symmetric but for the nonlinear springs at 1e-2 strain");
-
+pub const ENERGY_NEAR_LIMIT: Tolerance =
+    tolerance("ENERGY_NEAR_LIMIT", 0.3, "(omega dt)^2 / 4 of modes near the limit");
+pub const HALF_WAY: Tolerance =
+    tolerance("HALF_WAY", 1e-2, "symmetric but for the nonlinear springs at 1e-2 strain");
 
 /// The checks of one test. Each prints its residual; the test fails at the end, so that one run shows all of them.
 #[derive(Debug)]

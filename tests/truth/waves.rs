@@ -27,12 +27,12 @@ fn a_free_body_keeps_its_momentum_and_angular_momentum() {
             tissue.damping_s = damping_s;
             // One hundred thousand substeps.
             let desc = SimDesc { precision, step_s: 0.1, substeps: Some(100), ..exact() };
-            let mut body = Body::new(&block([4; 3], H, tissue), &desc);
+            let mut body = Body::new(&block([3; 3], H, tissue), &desc);
             let mut noise = Noise(3);
             let kicks: Vec<Vec3> = body.rest.iter().map(|_| noise.vec3() * 0.02).collect();
             let spin = Vec3::new(0.5, -0.3, 0.8);
             for i in 0..kicks.len() {
-                let x = body.rest[i] - Vec3::repeat(2.0 * H);
+                let x = body.rest[i] - Vec3::repeat(1.5 * H);
                 let v = kicks[i] + spin.cross(&x) + Vec3::new(1e-3, 0.0, -1e-3);
                 body.sim.set_node(body.slots[i], Vec3::zeros(), v).unwrap();
             }
@@ -41,7 +41,11 @@ fn a_free_body_keeps_its_momentum_and_angular_momentum() {
             body.steps(1000);
             let name = format!("{precision:?}, damping {damping_s} s");
             claim.check(limits[0], &name, (body.momentum().0 - start).norm() / size);
-            claim.check(limits[1], &format!("{name}, angular"), (body.angular_momentum().0 - turn).norm() / turn_size);
+            claim.check(
+                limits[1],
+                &format!("{name}, angular"),
+                (body.angular_momentum().0 - turn).norm() / turn_size,
+            );
         }
     }
 }
@@ -49,9 +53,11 @@ fn a_free_body_keeps_its_momentum_and_angular_momentum() {
 /// Kinetic and elastic energy over a run from a smooth stretch: largest swing about its mean, and drift from first to last tenth.
 fn energy_swing(dt: f64, substeps: u32, steps: usize) -> [f64; 2] {
     let desc = SimDesc { step_s: dt * f64::from(substeps), substeps: Some(substeps), ..exact() };
-    let mut body = Body::new(&block([4; 3], H, material(YOUNG, 0.4, DENSITY)), &desc);
+    let mut body = Body::new(&block([4, 3, 3], H, material(YOUNG, 0.4, DENSITY)), &desc);
     // The lowest longitudinal mode, or nearly.
-    body.set(|x| (Vec3::new(-0.01 * H * (std::f64::consts::PI * x.x / (4.0 * H)).cos(), 0.0, 0.0), Vec3::zeros()));
+    body.set(|x| {
+        (Vec3::new(-0.01 * H * (std::f64::consts::PI * x.x / (4.0 * H)).cos(), 0.0, 0.0), Vec3::zeros())
+    });
     let energies: Vec<f64> = (0..steps)
         .map(|_| {
             body.steps(1);
@@ -73,7 +79,7 @@ fn energy_swings_with_the_square_of_the_step_and_does_not_drift() {
     let [fine, _] = energy_swing(0.5 * dt, 2, 3000);
     claim.check(tol::ENERGY_SWING, "largest swing / mean", fine);
     claim.check(tol::ENERGY_ORDER, "halving the step quarters the swing", coarse / fine / 4.0 - 1.0);
-    let [_, drift] = energy_swing(dt, 100, 2000);
+    let [_, drift] = energy_swing(0.25 * dt, 100, 2000);
     claim.check(tol::ENERGY_DRIFT, "drift over 200,000 substeps", drift);
 }
 
@@ -221,7 +227,10 @@ fn the_stable_step_of_a_chain_is_the_time_of_sound_through_a_cell() {
         claim.check(tol::STABLE_STEP, &format!("nu {poisson}, computed / analytic"), found / limit - 1.0);
         let (below, above) = (growth(&build, 0.99 * limit, 5000), growth(&build, 1.01 * limit, 5000));
         claim.check(tol::BOUNDED, &format!("nu {poisson}, growth at 0.99"), below);
-        assert!(above > 1e6, "nu {poisson}: at 1.01 of the limit noise must blow up, not grow {above:.3} times");
+        assert!(
+            above > 1e6,
+            "nu {poisson}: at 1.01 of the limit noise must blow up, not grow {above:.3} times"
+        );
     }
 }
 
@@ -269,8 +278,15 @@ fn the_stable_step_of_random_voxels_is_safe_and_within_theory() {
             }
             solver.set_node(slot, Vec3::zeros(), Vec3::zeros());
         }
-        assert!(limit <= 2.0 / stiffest.sqrt() * (1.0 + 1e-6), "{limit:e} s is longer than a single node allows");
-        claim.check(tol::BOUNDED, &format!("seed {seed}, growth at 0.95"), growth(&build, 0.95 * limit, 3000));
+        assert!(
+            limit <= 2.0 / stiffest.sqrt() * (1.0 + 1e-6),
+            "{limit:e} s is longer than a single node allows"
+        );
+        claim.check(
+            tol::BOUNDED,
+            &format!("seed {seed}, growth at 0.95"),
+            growth(&build, 0.95 * limit, 3000),
+        );
     }
 }
 
@@ -278,7 +294,10 @@ fn the_stable_step_of_random_voxels_is_safe_and_within_theory() {
 fn a_stiff_inclusion_sets_the_stable_step() {
     let label = |[i, j, k]: [usize; 3]| if [i, j, k] == [3, 3, 3] { 2 } else { 1 };
     let uses = |stiff: f64| {
-        [(1, LabelUse::Tissue(material(YOUNG, 0.25, DENSITY))), (2, LabelUse::Tissue(material(stiff, 0.25, DENSITY)))]
+        [
+            (1, LabelUse::Tissue(material(YOUNG, 0.25, DENSITY))),
+            (2, LabelUse::Tissue(material(stiff, 0.25, DENSITY))),
+        ]
     };
     let stable = |stiff: f64| {
         let build = voxels([7; 3], H, label, &uses(stiff));

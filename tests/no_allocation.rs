@@ -59,13 +59,13 @@ fn scene_of(precision: Precision, threads: usize, damping_s: f64) -> (Sim, [Tool
     let bone = palpate::model::LabelUse::Rigid(scene::material(1e9, 0.3, 1900.0));
     let label = |[i, _, k]: [usize; 3]| if i < 2 && k < 2 { 2 } else { 1 };
     let uses = [(1, palpate::model::LabelUse::Tissue(tissue)), (2, bone)];
-    let mut build = scene::voxels([24, 12, 8], H, label, &uses);
+    let mut build = scene::voxels([16, 8, 8], H, label, &uses);
     scene::hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
     let model = Arc::new(build.run(&mut |_, _| true).unwrap());
-    let desc = SimDesc { precision, threads, drag_per_s: 200.0, ..SimDesc::default() };
+    let desc = SimDesc { precision, threads, drag_per_s: 130.0, ..SimDesc::default() };
     let mut sim = Sim::new(model, &desc).unwrap();
 
-    let region = scene::faces_at(0, 24.0 * H);
+    let region = scene::faces_at(0, 16.0 * H);
     sim.add_load(&Load::Traction { region, traction_pa: Vec3::new(0.0, 0.0, 2.0) }).unwrap();
     sim.add_load(&Load::Pressure { region, pressure_pa: 2.0 }).unwrap();
     let ball = Shape::Sphere { radius_m: 6e-3 };
@@ -77,14 +77,14 @@ fn scene_of(precision: Precision, threads: usize, damping_s: f64) -> (Sim, [Tool
 
 /// Tools come, press, slide and go; the bone is driven; bricks wake and sleep.
 fn act(sim: &mut Sim, ports: &mut [ToolPort; 2], step: u32) {
-    let share = f64::from(step % 200) / 100.0;
+    let share = f64::from((step % 500).min(200)) / 100.0;
     let height = 8.0 * H + 6e-3 + 4e-3 * (1.0 - 2.0 * share).max(-1.0 + share);
-    for (port, x) in ports.iter_mut().zip([6.0, 14.0]) {
-        let at = Pose::translation(x * H + 2e-3 * share, 6.0 * H, height);
+    for (port, x) in ports.iter_mut().zip([5.0, 10.0]) {
+        let at = Pose::translation(x * H + 2e-3 * share, 4.0 * H, height);
         port.set_motion(&ToolMotion::at(at)).unwrap();
     }
-    if step % 200 < 20 {
-        sim.drive_region(2, &Pose::translation(0.0, 0.0, 1e-5 * f64::from(step % 200))).unwrap();
+    if step % 500 < 20 {
+        sim.drive_region(2, &Pose::translation(0.0, 0.0, 1e-5 * f64::from(step % 500))).unwrap();
     }
     sim.step().unwrap();
     let _ = ports.each_mut().map(ToolPort::force);
@@ -105,7 +105,7 @@ fn a_step_allocates_nothing_on_any_thread() {
         let (mut most_touching, mut fewest_awake) = (0, u64::MAX);
         COUNT.store(0, Ordering::Relaxed);
         IS_COUNTING.store(true, Ordering::Relaxed);
-        for step in 5..800 {
+        for step in 5..1100 {
             act(&mut sim, &mut ports, step);
             let now = sim.statistics();
             most_touching = most_touching.max(now.contact_points);

@@ -188,24 +188,14 @@ impl Body {
         (sum, (0..v.len()).map(|i| at(i).norm() * v[i].norm() * self.mass[i]).sum())
     }
 
-    /// Mean of a nodal quantity over the nodes of a plane across an axis, weighted by the cell faces around each node there. The
-    /// plane must be the end of a full block with its corner at the origin.
+    /// Mean of a nodal quantity over an end plane of a block, weighted by the area around each node.
     pub fn mean_over_plane(&self, axis: usize, at: f64, field: &[Vec3]) -> Vec3 {
         let near = 1e-6 * self.sim.model().lattice().cell_m();
-        let ends = |i: usize| {
-            let on = |&slot: &usize| (self.rest[slot][axis] - at).abs() < near;
-            on(&i)
-        };
         // On an end plane every node's mass is in proportion to its share of the plane.
-        let picked: Vec<usize> = (0..field.len()).filter(|&i| ends(i)).collect();
+        let picked: Vec<usize> =
+            (0..field.len()).filter(|&i| (self.rest[i][axis] - at).abs() < near).collect();
         let sum: Vec3 = picked.iter().map(|&i| field[i] * self.mass[i]).sum();
         sum / picked.iter().map(|&i| self.mass[i]).sum::<f64>()
-    }
-
-    /// The node at grid coordinates, as an index into the fields.
-    pub fn node(&self, node: [usize; 3]) -> usize {
-        let slot = self.sim.model().lattice().slot(node).expect("the node exists");
-        self.slots.binary_search(&slot).expect("slots are in order")
     }
 
     pub fn total_energy(&self) -> f64 {

@@ -4,7 +4,7 @@ use palpate::math::Vec3;
 use palpate::sim::{Precision, SimDesc};
 use palpate::solver::tool::ToolDesc;
 
-use super::scene::{Body, block, hold, material, place, step_to};
+use super::scene::{Body, block, hold, material, place, step_to, touch_flat_top};
 use super::tolerance::{self as tol, Claim};
 
 const H: f64 = 4e-3;
@@ -14,6 +14,7 @@ const CELLS: [usize; 3] = [24, 16, 8];
 fn tissue(sleeping: bool, precision: Precision) -> Body {
     let mut build = block(CELLS, H, material(5e3, 0.45, 1000.0));
     hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
+    touch_flat_top(&mut build, CELLS, H);
     let desc = SimDesc { precision, sleeping, threads: 1, drag_per_s: 100.0, ..SimDesc::default() };
     Body::new(&build, &desc)
 }
@@ -56,10 +57,7 @@ fn a_body_at_rest_sleeps_fully_and_wakes_at_touch_and_at_a_change_of_gravity() {
         assert_eq!(body.sim.statistics().awake_nodes, 0);
 
         let mut port = body.sim.add_tool(&ToolDesc::sphere(6e-3)).unwrap();
-        let hit = body.sim.pick(above(0.1), -Vec3::z()).unwrap().unwrap();
-        println!("top at {} of {}", hit.point_m.z, CELLS[2] as f64 * H);
         step_to(&mut body, &mut port, above(1e-3));
-        println!("{:?} {:?}", port.force(), body.sim.contacts(port.id()));
         assert_eq!(body.sim.statistics().awake_nodes, 0, "a tool nearby is no touch");
         let force = step_to(&mut body, &mut port, above(-1e-3));
         assert!(force.wrench.force_n.z > 0.0, "the first touch is felt at once");

@@ -43,10 +43,10 @@ fn pressed(model: &Arc<Model>, tool: &ToolDesc, centre: f64) -> f64 {
     let shear = model.materials()[0].shear_modulus_pa();
     let slowest = 0.5 * PI * (shear / 1000.0).sqrt() / HEIGHT;
     let desc = SimDesc { precision: Precision::Single, step_s: 2e-3, ..dragged(2.0 * slowest) };
-    let mut body = Body::of(model.clone(), &desc);
+    let mut body = Body::of(model, &desc);
     let mut port = body.sim.add_tool(tool).unwrap();
     place(&mut port, Vec3::new(0.0, 0.0, HEIGHT + centre));
-    body.steps((7.0 / slowest / 2e-3) as usize);
+    body.steps((5.0 / slowest / 2e-3) as usize);
     4.0 * port.force().wrench.force_n.z
 }
 

@@ -41,10 +41,10 @@ fn any_number_of_threads_gives_the_same_bits() {
     for (precision, damping_s) in
         [(Precision::Single, 0.0), (Precision::Single, 1e-4), (Precision::Double, 0.0)]
     {
-        let reference = run(&mut scene(precision, 1, damping_s), 200);
+        let reference = run(&mut scene(precision, 1, damping_s), 120);
         assert!(reference.2.iter().any(|force| force.wrench.force_n.norm() > 0.0), "the tool touches");
         for threads in [2, 3] {
-            let found = run(&mut scene(precision, threads, damping_s), 200);
+            let found = run(&mut scene(precision, threads, damping_s), 120);
             assert!(found == reference, "{precision:?}, {threads} threads, damping {damping_s}");
         }
     }

@@ -137,10 +137,10 @@ pub struct Body {
 
 impl Body {
     pub fn new(build: &Build, desc: &SimDesc) -> Self {
-        Self::of(Arc::new(build.run(&mut |_, _| true).unwrap()), desc)
+        Self::of(&Arc::new(build.run(&mut |_, _| true).unwrap()), desc)
     }
 
-    pub fn of(model: Arc<Model>, desc: &SimDesc) -> Self {
+    pub fn of(model: &Arc<Model>, desc: &SimDesc) -> Self {
         let lattice = model.lattice();
         let slots: Vec<u32> =
             (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0).collect();

@@ -495,16 +495,20 @@ typedef struct {
     uint64_t awake_node_count;
     /// Bytes held for the nodes' state and topology.
     uint64_t node_bytes;
-    /// Largest spring strain |l/L - 1| at the last measurement.
+    /// Largest |1 - L/l| of a spring along a cell's edge in the last substep, l being its length and L its rest length.
     double max_strain;
-    /// Smallest volume ratio of a cell at the last measurement; 1 is undeformed, at most 0 is inside out.
+    /// Smallest volume ratio of a cell with a Poisson ratio above 1/4 in the last substep; 1 is undeformed, at most 0 is
+    /// inside out.
     double min_volume_ratio;
-    /// Largest volume ratio of a cell at the last measurement.
+    /// Largest volume ratio of such a cell in the last substep.
     double max_volume_ratio;
     /// Substeps in the last step.
     uint32_t substeps_per_step;
     /// Surface points in contact in the last substep.
     uint32_t contact_point_count;
+    /// Surface points in tools since creation that were left out, because more were touched at once than there is room
+    /// for. A force is then too small.
+    uint64_t dropped_point_count;
 } plp_statistics;
 
 /// Energies in J, computed in double precision when asked for.

@@ -371,6 +371,7 @@ pub unsafe extern "C" fn plp_sim_get_statistics(
                 max_volume_ratio: now.volume_ratio[1],
                 substeps_per_step: now.substeps_per_step,
                 contact_point_count: now.contact_points,
+                dropped_point_count: now.dropped_points,
             };
             // SAFETY: checked above; the host offers `statistics_size` bytes.
             unsafe { write_output(statistics, statistics_size, &now) };

@@ -535,19 +535,23 @@ pub struct plp_statistics {
     pub awake_node_count: u64,
     /// Bytes held for the nodes' state and topology.
     pub node_bytes: u64,
-    /// Largest spring strain |l/L - 1| at the last measurement.
+    /// Largest |1 - L/l| of a spring along a cell's edge in the last substep, l being its length and L its rest length.
     pub max_strain: f64,
-    /// Smallest volume ratio of a cell at the last measurement; 1 is undeformed, at most 0 is inside out.
+    /// Smallest volume ratio of a cell with a Poisson ratio above 1/4 in the last substep; 1 is undeformed, at most 0 is
+    /// inside out.
     pub min_volume_ratio: f64,
-    /// Largest volume ratio of a cell at the last measurement.
+    /// Largest volume ratio of such a cell in the last substep.
     pub max_volume_ratio: f64,
     /// Substeps in the last step.
     pub substeps_per_step: u32,
     /// Surface points in contact in the last substep.
     pub contact_point_count: u32,
+    /// Surface points in tools since creation that were left out, because more were touched at once than there is room
+    /// for. A force is then too small.
+    pub dropped_point_count: u64,
 }
 
-// SAFETY: repr(C), 8-byte fields, then two 4-byte ones.
+// SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
 unsafe impl Output for plp_statistics {
     const NAME: &'static str = "plp_statistics";
     const FIRST_SIZE: usize = size_of::<Self>();

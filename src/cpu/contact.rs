@@ -8,7 +8,8 @@
 //! Newton's third law holds to rounding.
 //!
 //! A tool that moves more than half its feature size in a substep is taken there in several smaller moves, each with its own
-//! projection, so that it cannot pass through the surface.
+//! projection; a point that itself moves that far (stretched tissue springs back fast) is followed along its way. So neither can
+//! pass through the other.
 //!
 //! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses, a stiff wall.
 
@@ -20,7 +21,7 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::surface::ROW;
-use crate::solver::tool::Contact;
+use crate::solver::tool::{Contact, ToolDesc};
 use crate::solver::{ToolStep, ToolSum};
 
 /// Most points in contact at once; deeper ones are kept no better than others, and what is dropped is counted.
@@ -43,6 +44,8 @@ const MOVABLE: f64 = 1e-3;
 /// What contact may read and write of the nodes.
 #[derive(Debug)]
 pub struct ContactNodes<'a, R> {
+    /// Displacement at the start of the substep.
+    pub u_before: &'a Field<R>,
     /// Displacement at the end of the substep.
     pub u: &'a mut Field<R>,
     /// Velocity.
@@ -71,7 +74,7 @@ pub struct ContactSurface {
     /// Vertices of those triangles, each once: six triangles share a vertex, and moving one reads eight nodes.
     near_vertices: Vec<u32>,
     /// Where they are, filled for each look at the contact.
-    moved_vertices: Vec<Vec3>,
+    moved_vertices: Vec<(Vec3, Vec3)>,
     /// The place of each vertex in `near_vertices`, or [`FAR`].
     place_of: Vec<u32>,
     points: Vec<Point>,
@@ -80,8 +83,7 @@ pub struct ContactSurface {
     index: NodeIndex,
     /// Bricks of nodes that were pushed in the last substep.
     touched_bricks: Vec<u32>,
-    /// Points that found no room.
-    pub dropped: u64,
+    dropped: u64,
 }
 
 /// Triangles that hang on one brick.
@@ -107,6 +109,8 @@ struct Point {
     depth: f64,
     /// Velocity of the tool there.
     tool_velocity: Vec3,
+    /// How far the point came, seen from the tool, in this move.
+    travel: f64,
     /// 1 / Σ w²/m over free nodes, or over all nodes where none is free.
     mass: f64,
     is_movable: bool,
@@ -185,6 +189,11 @@ impl ContactSurface {
         self.points.iter().filter(|p| p.push > 0.0).count()
     }
 
+    /// Points that found no room since creation.
+    pub fn dropped_points(&self) -> u64 {
+        self.dropped
+    }
+
     /// Forgets all contacts.
     pub fn clear(&mut self) {
         self.near.clear();
@@ -251,11 +260,13 @@ impl ContactSurface {
             .min(MAX_MOVES) as u32;
         for step in 1..=moves {
             let t = span[0] + (span[1] - span[0]) * f64::from(step) / f64::from(moves);
-            self.find_points(tools, t, nodes);
+            // The tissue's own motion belongs to the first move.
+            let before = span[0] + (span[1] - span[0]) * f64::from(step - 1) / f64::from(moves);
+            self.find_points(tools, [before, t], step == 1, nodes);
             if self.points.is_empty() {
                 continue;
             }
-            self.project(tools, nodes.dt, nodes.dt / f64::from(moves));
+            self.project(tools, nodes.dt);
             self.apply(tools, t, nodes, sums);
         }
     }
@@ -273,7 +284,14 @@ impl ContactSurface {
     }
 
     /// Finds the contact points inside tools, and the nodes that carry them.
-    fn find_points<R: Real>(&mut self, tools: &[ToolStep], t: f64, nodes: &ContactNodes<R>) {
+    /// `span` is the move that the tools make; the tissue moves with it, from where it was before the substep, if `tissue_moves`.
+    fn find_points<R: Real>(
+        &mut self,
+        tools: &[ToolStep],
+        span: [f64; 2],
+        tissue_moves: bool,
+        nodes: &ContactNodes<R>,
+    ) {
         self.points.clear();
         self.carried.clear();
         self.nodes.clear();
@@ -283,22 +301,34 @@ impl ContactSurface {
         self.moved_vertices.clear();
         self.moved_vertices.extend(self.near_vertices.iter().map(|&vertex| {
             let row = &surface.rows[vertex as usize];
-            let moved = (0..ROW).map(|i| nodes.u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
-            surface.positions[vertex as usize] + moved.sum::<Vec3>()
+            let at = |u: &Field<R>| {
+                let moved = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
+                surface.positions[vertex as usize] + moved.sum::<Vec3>()
+            };
+            (at(nodes.u_before), at(nodes.u))
         }));
 
         for (number, tool) in tools.iter().enumerate() {
-            let pose = tool.path.at(t);
+            let pose = tool.path.at(span[1]);
             let (to_tool, centre) = (pose.inverse(), pose.translation.vector);
+            // Where the tool's end finds what was at p when the move began.
+            let carry_over = pose * tool.path.at(span[0]).inverse();
             let radius = tool.desc.bounding_radius_m();
             let spacing = 0.5 * tool.desc.feature_m();
             for at in 0..self.near.len() {
                 let (triangle, places) = self.near[at];
                 let vertices = surface.triangles[triangle as usize];
-                let corners = places.map(|place| self.moved_vertices[place as usize]);
+                let corners = places.map(|place| self.moved_vertices[place as usize].1);
+                // Seen from the tool, the corners come from here.
+                let starts = places.map(|place| {
+                    let (before, after) = self.moved_vertices[place as usize];
+                    let start = if tissue_moves { before } else { after };
+                    carry_over.transform_point(&start.into()).coords
+                });
                 let outside = |axis: usize| {
                     let (low, high) = (centre[axis] - radius, centre[axis] + radius);
-                    corners.iter().all(|p| p[axis] < low) || corners.iter().all(|p| p[axis] > high)
+                    let mut ends = corners.iter().chain(&starts);
+                    ends.clone().all(|p| p[axis] < low) || ends.all(|p| p[axis] > high)
                 };
                 if (0..3).any(outside) {
                     continue;
@@ -308,13 +338,19 @@ impl ContactSurface {
                 let division = ((edge / spacing).ceil() as u32).clamp(1, MAX_DIVISION);
                 for_each_centre(division, |weights| {
                     let p = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-                    if (p - centre).norm_squared() >= radius * radius {
-                        return;
-                    }
-                    let (distance, normal) = tool.desc.distance(to_tool.transform_point(&p.into()).coords);
-                    if distance >= 0.0 {
-                        return;
-                    }
+                    let start = starts[0] * weights[0] + starts[1] * weights[1] + starts[2] * weights[2];
+                    let local = |p: Vec3| to_tool.transform_point(&p.into()).coords;
+                    let travel = (p - start).norm();
+                    let met = if travel <= spacing {
+                        if (p - centre).norm_squared() >= radius * radius {
+                            return;
+                        }
+                        let (distance, normal) = tool.desc.distance(local(p));
+                        (distance < 0.0).then_some((distance, normal))
+                    } else {
+                        meet(&tool.desc, local(start), local(p), travel / spacing)
+                    };
+                    let Some((distance, normal)) = met else { return };
                     let point = Point {
                         tool: number as u32,
                         triangle,
@@ -324,6 +360,7 @@ impl ContactSurface {
                         normal: pose * normal,
                         depth: -distance,
                         tool_velocity: tool.path.velocity(&pose, p, nodes.step),
+                        travel,
                         mass: 0.0,
                         is_movable: false,
                         push: 0.0,
@@ -393,14 +430,14 @@ impl ContactSurface {
         local
     }
 
-    /// Finds impulses that put every point on its tool, for a move that takes `move_s` of the substep `dt`.
-    fn project(&mut self, tools: &[ToolStep], dt: f64, move_s: f64) {
+    /// Finds impulses that put every point on its tool.
+    fn project(&mut self, tools: &[ToolStep], dt: f64) {
         let limit = PUSH_LIMIT * self.model.lattice().cell_m();
         for sweep in 0..SWEEPS {
             for point in &mut self.points {
                 let carried = &self.carried[point.start as usize..point.end as usize];
                 let tool = &tools[point.tool as usize];
-                let target = point.depth.min(limit + point.tool_velocity.norm() * move_s);
+                let target = point.depth.min(limit + point.travel);
                 if !point.is_movable {
                     if sweep == 0 {
                         point.push = point.mass * point.depth / dt;
@@ -472,6 +509,22 @@ impl ContactSurface {
             sum.work_j += impulse.dot(&point.tool_velocity);
         }
     }
+}
+
+/// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
+/// it meets first (negative), and that plane's outward normal. At the end alone, a point that went past the middle of a thin
+/// tool would be pushed out on the wrong side, and one that went through would be missed.
+fn meet(tool: &ToolDesc, start: Vec3, end: Vec3, strides: f64) -> Option<(f64, Vec3)> {
+    let count = strides.ceil().clamp(1.0, MAX_MOVES);
+    for stride in 0..=count as u32 {
+        let at = start + (end - start) * (f64::from(stride) / count);
+        let (distance, normal) = tool.distance(at);
+        if distance < 0.0 {
+            let beyond = distance + normal.dot(&(end - at));
+            return (beyond < 0.0).then_some((beyond, normal));
+        }
+    }
+    None
 }
 
 /// Barycentric coordinates of the centres of the n² equal triangles that an edge division by n gives.

@@ -45,6 +45,8 @@ struct Core<R: CpuReal> {
     stable_dt: f64,
     last_dt: f64,
     vis_viva: f64,
+    /// Whether kinetic damping has just cleared the velocities.
+    is_cleared: bool,
     buffers: Buffers<R>,
 }
 
@@ -86,6 +88,7 @@ impl<R: CpuReal> CpuSolver<R> {
             stable_dt: 0.0,
             last_dt: 0.0,
             vis_viva: 0.0,
+            is_cleared: true,
             buffers: Buffers {
                 u: std::ptr::null(),
                 v: std::ptr::null(),
@@ -171,6 +174,25 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         self.core.nodes.v.vec3(slot)
     }
 
+    fn velocities(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.core.flags.len() as u32).map(|slot| self.core.nodes.v.vec3(slot)));
+    }
+
+    fn largest_change(&self, before: &[Vec3]) -> f64 {
+        let v = &self.core.nodes.v;
+        (0..).zip(before).map(|(slot, old)| (v.vec3(slot) - old).norm()).fold(0.0, f64::max)
+    }
+
+    fn halt(&mut self) {
+        let nodes = &mut self.core.nodes;
+        nodes.v.0.fill(Default::default());
+        if let Some(v_next) = &mut nodes.v_next {
+            v_next.0.fill(Default::default());
+        }
+        self.core.sleep.wake_all(&self.core.bricks);
+    }
+
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
         let nodes = &mut self.core.nodes;
         nodes.u.set(slot, displacement);
@@ -195,6 +217,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);
         core.contact.clear();
         core.vis_viva = 0.0;
+        core.is_cleared = true;
         core.sleep.wake_all(&core.bricks);
     }
 
@@ -263,7 +286,7 @@ impl<R: CpuReal> Core<R> {
             marks: self.buffers.marks,
             dt: plan.dt,
             gravity: [g.x, g.y, g.z],
-            keep: 1.0 / (1.0 + plan.drag_per_s * plan.dt),
+            keep: self.keep(plan),
             watch,
         };
         let (awake, watched) = (self.sleep.awake(), self.sleep.watched());
@@ -286,19 +309,26 @@ impl<R: CpuReal> Core<R> {
         }
     }
 
+    /// What is left of a velocity after a substep's kick. Velocities lag by half a substep: from rest, where kinetic damping has put
+    /// them, the first kick is half a one. A whole one would add energy to modes near the stable step.
+    fn keep(&self, plan: &StepPlan) -> f64 {
+        if plan.kinetic_damping && self.is_cleared { 0.5 } else { 1.0 / (1.0 + plan.drag_per_s * plan.dt) }
+    }
+
     /// What one thread does alone after all runs have advanced.
     fn finish(&mut self, plan: &StepPlan, substep: u32, sums: &mut [ToolSum], report: &mut StepReport) {
         let duration = plan.dt * f64::from(plan.substeps);
         let span = [0, 1].map(|end| f64::from(substep + end) / f64::from(plan.substeps));
-        let keep = 1.0 / (1.0 + plan.drag_per_s * plan.dt);
+        let keep = self.keep(plan);
         for loads in plan.loads {
             self.push(loads, plan.dt, keep);
         }
         for region in plan.regions {
             self.drive(region, span[1], plan.dt);
         }
-        let Nodes { u_next, v, v_next, .. } = &mut self.nodes;
+        let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let mut nodes = ContactNodes {
+            u_before: u,
             u: u_next,
             v: v_next.as_mut().unwrap_or(v),
             flags: &self.flags,
@@ -324,11 +354,10 @@ impl<R: CpuReal> Core<R> {
             .flat_map(|run| &self.marks[run.first..run.end()])
             .map(|m| f64::from(m.vis_viva))
             .sum();
-        if plan.kinetic_damping && vis_viva < self.vis_viva {
+        self.is_cleared = plan.kinetic_damping && vis_viva < self.vis_viva;
+        self.vis_viva = if self.is_cleared { 0.0 } else { vis_viva };
+        if self.is_cleared {
             self.nodes.v.0.fill(Default::default());
-            self.vis_viva = 0.0;
-        } else {
-            self.vis_viva = vis_viva;
         }
         if plan.sleeping {
             self.put_to_sleep(plan);
@@ -368,7 +397,9 @@ impl<R: CpuReal> Core<R> {
 
     /// Moves a rigid region to where it is after the fraction `t` of the step.
     fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) {
-        let pose = region.from.try_lerp_slerp(&region.to, t, 1e-9).unwrap_or(region.to);
+        // The end itself, not an interpolation's rounding of it.
+        let between = (t < 1.0).then(|| region.from.try_lerp_slerp(&region.to, t, 1e-9)).flatten();
+        let pose = between.unwrap_or(region.to);
         let model = self.bricks.model.clone();
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let v = v_next.as_mut().unwrap_or(v);
@@ -412,6 +443,7 @@ impl<R: CpuReal> Core<R> {
     /// Sums up what the marks of the last substep say.
     fn measure(&self, report: &mut StepReport) {
         report.awake_nodes = self.sleep.awake_nodes();
+        report.dropped_points = self.contact.dropped_points();
         report.kinetic_j = 0.5 * self.vis_viva;
         let largest = |f: fn(&Mark) -> f32| f64::from(self.marks.iter().map(f).fold(0.0, f32::max));
         report.strain = largest(|m| m.strain);

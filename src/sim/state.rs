@@ -10,6 +10,7 @@ use crate::cpu::solver::CpuSolver;
 use crate::cpu::stability::strain_factor;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
+use crate::model::lattice::flag;
 use crate::model::{Model, energy};
 use crate::solver::load::NodalLoads;
 use crate::solver::statistics::{Energy, Statistics};
@@ -126,7 +127,7 @@ impl State {
         let started = Instant::now();
         let (substeps, dt) = self.note_substeps();
         self.take_motions();
-        self.advance(substeps, dt, false);
+        self.advance(substeps, dt, None);
 
         self.statistics.steps += 1;
         self.statistics.time_s += dt * f64::from(self.report.substeps);
@@ -146,34 +147,32 @@ impl State {
         // Regions and tools arrive within the first block, then stay.
         let mut taken = 0;
         let mut left = f64::INFINITY;
-        while taken < max_substeps {
+        let mut before = Vec::new();
+        while taken < max_substeps && left > tolerance {
             let (_, dt) = self.note_substeps();
             let block = u64::from(SETTLE_BLOCK).min(max_substeps - taken) as u32;
-            let before = self.speed_scale(dt);
-            self.advance(block, dt, true);
-            if self.report.has_diverged {
-                return Err(self.note_divergence());
-            }
-            for tool in &mut self.steps {
-                tool.path.from = tool.path.to;
-            }
-            taken += u64::from(block);
-            // Nodes that loads or tools push keep an inner acceleration; what is left there shows in the motion since the last block.
-            left = self.report.acceleration_m_s2.min(self.speed_scale(dt).max(before));
-            if left <= tolerance {
-                break;
-            }
+            self.settle_for(block, dt, true)?;
+
+            // What a node gains in one more substep is by all that acts on it, loads and contact too.
+            self.solver.velocities(&mut before);
+            self.settle_for(1, dt, false)?;
+            taken += u64::from(block) + 1;
+            left = self.solver.largest_change(&before) / dt;
         }
-        self.solver.wake();
+        self.solver.halt();
         Ok(left)
     }
 
-    /// The root mean square acceleration that would give the present kinetic energy within one substep, in m/s².
-    fn speed_scale(&self, dt: f64) -> f64 {
-        let lattice = self.model.lattice();
-        let mass: f64 =
-            lattice.occupied().map(|(_, m)| 8.0 * self.model.laws()[usize::from(m)].corner_kg).sum();
-        (2.0 * self.report.kinetic_j / mass).sqrt() / dt
+    /// Some substeps of settling; tools stay where the first ones took them.
+    fn settle_for(&mut self, substeps: u32, dt: f64, kinetic_damping: bool) -> Result<()> {
+        self.advance(substeps, dt, Some(kinetic_damping));
+        if self.report.has_diverged {
+            return Err(self.note_divergence());
+        }
+        for tool in &mut self.steps {
+            tool.path.from = tool.path.to;
+        }
+        Ok(())
     }
 
     pub fn reset(&mut self) {
@@ -265,8 +264,11 @@ impl State {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
             // Velocities lag by half a substep; at the time of the displacements they are this.
             let v = self.solver.velocity(slot);
-            let moves = v != Vec3::zeros() || accelerations[slot as usize] != Vec3::zeros();
-            let v = if moves { v + (accelerations[slot as usize] + gravity) * half } else { v };
+            let flags = lattice.flags()[slot as usize];
+            let a = accelerations[slot as usize] + gravity;
+            let v = Vec3::from_fn(|axis, _| {
+                if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
+            });
             kinetic_j += 0.5 * mass * v.norm_squared();
             gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
         }
@@ -329,7 +331,8 @@ impl State {
         self.steps.clear();
     }
 
-    fn advance(&mut self, substeps: u32, dt: f64, is_settling: bool) {
+    /// `settling` says whether velocities are cleared on the way, and that neither drag nor sleep shall disturb; `None` is a step.
+    fn advance(&mut self, substeps: u32, dt: f64, settling: Option<bool>) {
         let frame = self.model.frame();
         let to_model = |motion: &Pose| frame.inverse() * motion * frame;
         self.moved_regions.clear();
@@ -343,12 +346,12 @@ impl State {
             substeps,
             dt,
             gravity: self.gravity(),
-            drag_per_s: if is_settling { 0.0 } else { self.desc.drag_per_s },
+            drag_per_s: if settling.is_some() { 0.0 } else { self.desc.drag_per_s },
             tools: &self.steps,
             regions: &self.moved_regions,
             loads: &self.loads,
-            sleeping: self.desc.sleeping && !is_settling,
-            kinetic_damping: is_settling,
+            sleeping: self.desc.sleeping && settling.is_none(),
+            kinetic_damping: settling == Some(true),
         };
         self.sums.clear();
         self.sums.resize(self.steps.len(), ToolSum::default());
@@ -363,6 +366,7 @@ impl State {
         statistics.max_strain = report.strain;
         statistics.volume_ratio = report.volume_ratio;
         statistics.contact_points = report.contact_points;
+        statistics.dropped_points = report.dropped_points;
         self.tool_work_j += self.sums.iter().map(|sum| sum.work_j).sum::<f64>();
     }
 

@@ -81,6 +81,8 @@ pub struct StepReport {
     pub kinetic_j: f64,
     /// Surface points in contact in the last substep.
     pub contact_points: u32,
+    /// Surface points in tools since creation for which there was no room.
+    pub dropped_points: u64,
 }
 
 /// A surface's arrays, filled by a backend. World frame.
@@ -125,6 +127,15 @@ pub trait Solver: Send + std::fmt::Debug {
 
     /// Velocity of a slot in m/s, model frame, half a substep behind the displacement.
     fn velocity(&self, slot: u32) -> Vec3;
+
+    /// Velocities of all slots in m/s, model frame, into `all`, which keeps its memory.
+    fn velocities(&self, all: &mut Vec<Vec3>);
+
+    /// Largest length of the difference between velocities now and `before`, in m/s.
+    fn largest_change(&self, before: &[Vec3]) -> f64;
+
+    /// Brings all nodes to rest where they are, and wakes them.
+    fn halt(&mut self);
 
     /// Replaces displacement and velocity of a slot.
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3);

@@ -23,12 +23,15 @@ pub struct Statistics {
     pub awake_nodes: u64,
     /// All nodes.
     pub node_count: u64,
-    /// Largest spring strain |l/L - 1| seen at the last measurement.
+    /// Largest |1 - L / l| of an edge spring in the last substep, l being its length and L its rest length.
     pub max_strain: f64,
-    /// Smallest and largest volume ratio J of a cell at the last measurement.
+    /// Smallest and largest volume ratio J of a cell with ν > ¼ in the last substep.
     pub volume_ratio: [f64; 2],
     /// Surface points in contact in the last substep.
     pub contact_points: u32,
+    /// Surface points in tools since creation that were left out, because more were touched at once than a backend has room for. A
+    /// force is then too small; a larger rounding of the tool's edges or a coarser surface helps.
+    pub dropped_points: u64,
     /// Bytes resident for the state and topology of nodes.
     pub node_bytes: u64,
 }
@@ -40,7 +43,7 @@ pub struct Energy {
     pub kinetic_j: f64,
     /// Springs and volume terms.
     pub elastic_j: f64,
-    /// -Σ m g·u with the gravity in force (compensated gravity counts as none).
+    /// -Σ m g·u with the gravity in force (gravity that the rest shape balances counts as none).
     pub gravity_j: f64,
     /// Work that tools have done on the tissue since creation.
     pub tool_work_j: f64,

@@ -1,0 +1,13 @@
+//! The physics that the lattice model claims, each test named by its claim.
+//!
+//! Every tolerance stands in [`tolerance`] with its reason. `PLP_TOL_SCALE` scales all of them; with 0 every check prints its residual
+//! and fails.
+
+mod contact;
+mod elastic;
+mod repeat;
+mod scene;
+mod shapes;
+mod sleep;
+mod tolerance;
+mod waves;

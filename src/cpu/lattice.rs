@@ -148,7 +148,9 @@ impl<R: Real> Scratch<R> {
 
 /// A kernel for one scalar and one route. Unsafe: the processor has what the route needs, and nobody else touches the run's bricks
 /// of `u_next`, `v_next` and `marks`, nor writes `u` and `v`, meanwhile.
-pub type Kernel<R> = unsafe fn(&Pass<R>, Run, &mut Scratch<R>);
+///
+/// The second run is the one that the thread will probably advance next: its memory is asked for in time.
+pub type Kernel<R> = unsafe fn(&Pass<R>, Run, Option<Run>, &mut Scratch<R>);
 
 /// A scalar for which kernels exist.
 pub trait CpuReal: Real {
@@ -172,10 +174,11 @@ macro_rules! kernels {
                     unsafe fn avx2<const VOLUME: bool, const DAMPED: bool>(
                         pass: &Pass<$real>,
                         run: Run,
+                        next: Option<Run>,
                         scratch: &mut Scratch<$real>,
                     ) {
                         // SAFETY: the caller promises the same.
-                        unsafe { advance::<super::lanes::$avx2, VOLUME, DAMPED>(pass, run, scratch) }
+                        unsafe { advance::<super::lanes::$avx2, VOLUME, DAMPED>(pass, run, next, scratch) }
                     }
                     return match (laws.volumetric, laws.damped) {
                         (false, false) => avx2::<false, false>,
@@ -256,6 +259,7 @@ const RIGHT_HALO: u8 = 2;
 unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
     pass: &Pass<L::Real>,
     run: Run,
+    next: Option<Run>,
     s: &mut Scratch<L::Real>,
 ) {
     debug_assert!(run.bricks <= MAX_RUN);
@@ -282,8 +286,11 @@ unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
             if x < last {
                 stage::<L, VOLUME, DAMPED>(pass, run, s, x + 1);
             }
-            if x + 3 <= last {
-                fetch(pass, run, x + 3);
+            let ahead = x + 3;
+            match next {
+                _ if ahead <= run.bricks => fetch(pass, run, ahead),
+                Some(next) if ahead - run.bricks <= next.bricks => fetch(pass, next, ahead - run.bricks),
+                _ => {}
             }
             s.sums[x & 1] = [Sums::default(); BRICK_ROWS];
             s.extremes = [Octet::default(); 3];
@@ -320,7 +327,7 @@ fn near(run: Run, x: usize) -> (usize, usize) {
 fn fetch<R: Real>(pass: &Pass<R>, run: Run, x: usize) {
     #[cfg(target_arch = "x86_64")]
     {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+        use std::arch::x86_64::{_MM_HINT_ET0, _MM_HINT_T0, _mm_prefetch};
         /// Octets in 64 bytes.
         const fn line<R>() -> usize {
             if size_of::<R>() == 4 { 2 } else { 1 }
@@ -335,6 +342,7 @@ fn fetch<R: Real>(pass: &Pass<R>, run: Run, x: usize) {
                 unsafe {
                     _mm_prefetch::<_MM_HINT_T0>(pass.u.add(octet(brick(1, 1), 0, 0) + at).cast());
                     _mm_prefetch::<_MM_HINT_T0>(pass.v.add(octet(brick(1, 1), 0, 0) + at).cast());
+                    _mm_prefetch::<_MM_HINT_ET0>(pass.u_next.add(octet(brick(1, 1), 0, 0) + at).cast());
                 }
             }
         }
@@ -1027,7 +1035,7 @@ mod tests {
         bricks.list_runs(longest, |_| true, &mut runs);
         for run in runs {
             // SAFETY: one thread, fields of the right size, a kernel for this processor.
-            unsafe { kernel(&pass, run, &mut scratch) };
+            unsafe { kernel(&pass, run, None, &mut scratch) };
         }
         (0..lattice.slot_count() as u32).map(|slot| v_next.vec3(slot) - nodes.v.vec3(slot)).collect()
     }

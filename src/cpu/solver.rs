@@ -20,8 +20,8 @@ use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
 
-/// Runs claimed at a time.
-const CLAIM: usize = 2;
+/// Most runs claimed at a time.
+const LONGEST_CLAIM: usize = 4;
 
 /// A simulation's state on the processor.
 #[derive(Debug)]
@@ -130,7 +130,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
                     // SAFETY: until the meeting every thread only reads the core, but for the bricks that it claims; each has a
                     // scratch of its own.
                     let (core, scratch) = unsafe { (&*core.0, &mut *scratches.0.add(member.index)) };
-                    core.advance_claimed(plan, &claims[substep as usize & 1], scratch);
+                    core.advance_claimed(plan, &claims[substep as usize & 1], member.count, scratch);
                 }
                 member.meet();
                 if member.index == 0 {
@@ -273,7 +273,13 @@ impl<R: CpuReal> Core<R> {
     }
 
     /// Claims runs and advances them until none is left.
-    fn advance_claimed(&self, plan: &StepPlan, claims: &AtomicUsize, scratch: &mut Scratch<R>) {
+    fn advance_claimed(
+        &self,
+        plan: &StepPlan,
+        claims: &AtomicUsize,
+        threads: usize,
+        scratch: &mut Scratch<R>,
+    ) {
         let g = plan.gravity;
         let pass = |watch: bool| Pass {
             bricks: &self.bricks,
@@ -291,20 +297,21 @@ impl<R: CpuReal> Core<R> {
         };
         let (awake, watched) = (self.sleep.awake(), self.sleep.watched());
         let (advance, watch) = (pass(false), pass(true));
+        let count = awake.len() + watched.len();
+        let run_at = |at: usize| if at < awake.len() { awake[at] } else { watched[at - awake.len()] };
+        // Neighbouring runs share halos, so a claim takes a few; but every thread must find work to the end.
+        let claim = (count / (16 * threads)).clamp(1, LONGEST_CLAIM);
         loop {
             // Relaxed: a claim only has to be made once; the meetings order everything else.
-            let first = claims.fetch_add(CLAIM, Ordering::Relaxed);
-            if first >= awake.len() + watched.len() {
+            let first = claims.fetch_add(claim, Ordering::Relaxed);
+            if first >= count {
                 return;
             }
-            for run in first..(first + CLAIM).min(awake.len() + watched.len()) {
-                let (pass, run) = if run < awake.len() {
-                    (&advance, awake[run])
-                } else {
-                    (&watch, watched[run - awake.len()])
-                };
+            for at in first..(first + claim).min(count) {
+                let pass = if at < awake.len() { &advance } else { &watch };
+                let next = (at + 1 < count).then(|| run_at(at + 1));
                 // SAFETY: a run is claimed by one thread; awake and watched runs share no brick; nobody writes what is read.
-                unsafe { (self.kernel)(pass, run, scratch) };
+                unsafe { (self.kernel)(pass, run_at(at), next, scratch) };
             }
         }
     }
@@ -484,7 +491,7 @@ impl<R: CpuReal> Core<R> {
         let mut scratch = Scratch::new();
         for run in runs {
             // SAFETY: this thread is alone, and all fields have the size of the model.
-            unsafe { (self.kernel)(&pass, run, &mut scratch) };
+            unsafe { (self.kernel)(&pass, run, None, &mut scratch) };
         }
         v_next
     }

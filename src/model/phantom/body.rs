@@ -35,7 +35,7 @@ pub(super) fn label_at(p: &Vec3, voxel_m: f64) -> Label {
     if depth < skin {
         return Label::Skin;
     }
-    if depth < skin + fat_thickness(p) {
+    if depth < SKIN_M + fat_thickness(p) {
         return Label::Fat;
     }
 

@@ -1,7 +1,7 @@
 //! Contact of tools with the tissue's surface, by projection.
 //!
-//! Contact points are the centres of small triangles into which each surface triangle near a tool is divided, so that their spacing is
-//! at most half the size of the tool's features: a tip smaller than a cell glides over the cells. A point that the free
+//! Contact points are the vertices near a tool; where a triangle is larger than half the size of the tool's features, the centres of
+//! small triangles into which it is divided, so that a tip smaller than a cell glides over the cells. A point that the free
 //! motion has put inside a tool is put back on its surface within the same substep. The impulse for that
 //! is found by projected Gauss–Seidel over all points and tools together (normal impulses push only, tangential ones stay in
 //! Coulomb's cone), on the masses of the nodes that carry the points. Because the tool receives exactly what the nodes receive,
@@ -17,10 +17,10 @@ use std::sync::Arc;
 
 use super::lanes::Real;
 use super::nodes::Field;
-use crate::math::Vec3;
+use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::surface::ROW;
+use crate::model::surface::{ROW, Surface};
 use crate::solver::tool::{Contact, ToolDesc};
 use crate::solver::{ToolStep, ToolSum};
 
@@ -28,8 +28,10 @@ use crate::solver::{ToolStep, ToolSum};
 const MAX_POINTS: usize = 4096;
 /// Most nodes that carry them.
 const MAX_NODES: usize = 8192;
-/// Sweeps of the Gauss–Seidel iteration.
+/// Most sweeps of the Gauss–Seidel iteration.
 const SWEEPS: usize = 8;
+/// A sweep is the last when it changes no impulse by more than this share of the largest.
+const CONVERGED: f64 = 1e-3;
 /// Finest division of a triangle's edge.
 const MAX_DIVISION: u32 = 32;
 /// Most moves of a tool in a substep.
@@ -58,6 +60,8 @@ pub struct ContactNodes<'a, R> {
     pub dt: f64,
     /// Step in s: the time that the tools' paths take.
     pub step: f64,
+    /// The fastest node in this substep, in m/s.
+    pub fastest: f64,
 }
 
 /// Contact with one model's contact surface. Everything is allocated once.
@@ -75,6 +79,8 @@ pub struct ContactSurface {
     near_vertices: Vec<u32>,
     /// Where they are, filled for each look at the contact.
     moved_vertices: Vec<(Vec3, Vec3)>,
+    /// Which of them a tool has been asked about.
+    probed: Vec<bool>,
     /// The place of each vertex in `near_vertices`, or [`FAR`].
     place_of: Vec<u32>,
     points: Vec<Point>,
@@ -129,6 +135,17 @@ struct TouchedNode {
     change: Vec3,
 }
 
+/// A tool at the end of a move.
+struct View<'a> {
+    number: u32,
+    tool: &'a ToolStep,
+    pose: Pose,
+    to_tool: Pose,
+    /// Distance between contact points at most.
+    spacing: f64,
+    radius: f64,
+}
+
 impl ContactSurface {
     /// Prepares the contact surface of a model.
     pub fn new(model: Arc<Model>) -> Self {
@@ -166,6 +183,7 @@ impl ContactSurface {
             near: Vec::with_capacity(grouped.len()),
             near_vertices: Vec::with_capacity(vertices),
             moved_vertices: Vec::with_capacity(vertices),
+            probed: Vec::with_capacity(vertices),
             place_of: vec![FAR; vertices],
             grouped,
             longest_edge,
@@ -210,19 +228,20 @@ impl ContactSurface {
         self.clear();
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         for group in &self.groups {
-            let is_within = |slack: f64| {
-                tools.iter().any(|tool| {
-                    let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
-                    let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
-                    let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
-                    (0..3).all(|i| low[i] <= group.high[i] && group.low[i] <= high[i])
-                })
-            };
+            let is_within = |slack: f64| is_near(tools, group.low, group.high, slack);
             // Most groups are far from any tool, whatever their own bricks did.
-            if !is_within(most + margin) || !is_within(moved(group.brick) + margin) {
+            if !is_within(most + margin) {
+                continue;
+            }
+            let slack = moved(group.brick) + margin;
+            if !is_within(slack) {
                 continue;
             }
             for &triangle in &self.grouped[group.start as usize..group.end as usize] {
+                let [a, b, c] = surface.triangles[triangle as usize].map(|v| &surface.positions[v as usize]);
+                if !is_near(tools, a.inf(b).inf(c), a.sup(b).sup(c), slack) {
+                    continue;
+                }
                 let places = surface.triangles[triangle as usize].map(|vertex| {
                     let place = &mut self.place_of[vertex as usize];
                     if *place == FAR {
@@ -299,34 +318,34 @@ impl ContactSurface {
         let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
         self.moved_vertices.clear();
-        self.moved_vertices.extend(self.near_vertices.iter().map(|&vertex| {
-            let row = &surface.rows[vertex as usize];
-            let at = |u: &Field<R>| {
-                let moved = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
-                surface.positions[vertex as usize] + moved.sum::<Vec3>()
-            };
-            (at(nodes.u_before), at(nodes.u))
-        }));
+        let at =
+            |vertex: &u32| (position(surface, *vertex, nodes.u_before), position(surface, *vertex, nodes.u));
+        self.moved_vertices.extend(self.near_vertices.iter().map(at));
 
         for (number, tool) in tools.iter().enumerate() {
             let pose = tool.path.at(span[1]);
-            let (to_tool, centre) = (pose.inverse(), pose.translation.vector);
+            let view = View {
+                number: number as u32,
+                tool,
+                to_tool: pose.inverse(),
+                spacing: 0.5 * tool.desc.feature_m(),
+                radius: tool.desc.bounding_radius_m(),
+                pose,
+            };
             // Where the tool's end finds what was at p when the move began.
             let carry_over = pose * tool.path.at(span[0]).inverse();
-            let radius = tool.desc.bounding_radius_m();
-            let spacing = 0.5 * tool.desc.feature_m();
+            let centre = pose.translation.vector;
+            self.probed.clear();
+            self.probed.resize(self.near_vertices.len(), false);
             for at in 0..self.near.len() {
                 let (triangle, places) = self.near[at];
-                let vertices = surface.triangles[triangle as usize];
                 let corners = places.map(|place| self.moved_vertices[place as usize].1);
                 // Seen from the tool, the corners come from here.
                 let starts = places.map(|place| {
-                    let (before, after) = self.moved_vertices[place as usize];
-                    let start = if tissue_moves { before } else { after };
-                    carry_over.transform_point(&start.into()).coords
+                    carry_over.transform_point(&self.moved_vertices[place as usize].0.into()).coords
                 });
                 let outside = |axis: usize| {
-                    let (low, high) = (centre[axis] - radius, centre[axis] + radius);
+                    let (low, high) = (centre[axis] - view.radius, centre[axis] + view.radius);
                     let mut ends = corners.iter().chain(&starts);
                     ends.clone().all(|p| p[axis] < low) || ends.all(|p| p[axis] > high)
                 };
@@ -335,64 +354,81 @@ impl ContactSurface {
                 }
                 let edge = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm()).fold(0.0, f64::max);
                 let edge = edge.max(self.longest_edge[triangle as usize]);
-                let division = ((edge / spacing).ceil() as u32).clamp(1, MAX_DIVISION);
-                for_each_centre(division, |weights| {
-                    let p = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
-                    let start = starts[0] * weights[0] + starts[1] * weights[1] + starts[2] * weights[2];
-                    let local = |p: Vec3| to_tool.transform_point(&p.into()).coords;
-                    let travel = (p - start).norm();
-                    let met = if travel <= spacing {
-                        if (p - centre).norm_squared() >= radius * radius {
-                            return;
+                let division = ((edge / view.spacing).ceil() as u32).clamp(1, MAX_DIVISION);
+                if division == 1 {
+                    // Corners are close enough, each once.
+                    for c in 0..3 {
+                        if !std::mem::replace(&mut self.probed[places[c] as usize], true) {
+                            let weights = std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
+                            self.probe(&view, triangle, weights, starts[c], corners[c], nodes);
                         }
-                        let (distance, normal) = tool.desc.distance(local(p));
-                        (distance < 0.0).then_some((distance, normal))
-                    } else {
-                        meet(&tool.desc, local(start), local(p), travel / spacing)
-                    };
-                    let Some((distance, normal)) = met else { return };
-                    let point = Point {
-                        tool: number as u32,
-                        triangle,
-                        start: self.carried.len() as u32,
-                        end: self.carried.len() as u32,
-                        position: p,
-                        normal: pose * normal,
-                        depth: -distance,
-                        tool_velocity: tool.path.velocity(&pose, p, nodes.step),
-                        travel,
-                        mass: 0.0,
-                        is_movable: false,
-                        push: 0.0,
-                        drag: Vec3::zeros(),
-                    };
-                    if !self.carry(point, vertices, weights, &model, nodes) {
-                        self.dropped += 1;
                     }
+                    continue;
+                }
+                for_each_centre(division, |weights| {
+                    let between = |p: &[Vec3; 3]| p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
+                    self.probe(&view, triangle, weights, between(&starts), between(&corners), nodes);
                 });
             }
         }
     }
 
-    /// Adds a point and the nodes of its row; false where there is no room.
-    fn carry<R: Real>(
+    /// Makes a contact point of a point of the surface that moves from `start` to `p`, if it meets the tool.
+    fn probe<R: Real>(
         &mut self,
-        mut point: Point,
-        vertices: [u32; 3],
+        view: &View,
+        triangle: u32,
         weights: [f64; 3],
-        model: &Model,
+        start: Vec3,
+        p: Vec3,
         nodes: &ContactNodes<R>,
-    ) -> bool {
+    ) {
+        let local = |p: Vec3| view.to_tool.transform_point(&p.into()).coords;
+        let travel = (p - start).norm();
+        let met = if travel <= view.spacing {
+            if (p - view.pose.translation.vector).norm_squared() >= view.radius * view.radius {
+                return;
+            }
+            let (distance, normal) = view.tool.desc.distance(local(p));
+            (distance < 0.0).then_some((distance, normal))
+        } else {
+            meet(&view.tool.desc, local(start), local(p), travel / view.spacing)
+        };
+        let Some((distance, normal)) = met else { return };
+        let point = Point {
+            tool: view.number,
+            triangle,
+            start: self.carried.len() as u32,
+            end: self.carried.len() as u32,
+            position: p,
+            normal: view.pose * normal,
+            depth: -distance,
+            tool_velocity: view.tool.path.velocity(&view.pose, p, nodes.step),
+            travel,
+            mass: 0.0,
+            is_movable: false,
+            push: 0.0,
+            drag: Vec3::zeros(),
+        };
+        if !self.carry(point, weights, nodes) {
+            self.dropped += 1;
+        }
+    }
+
+    /// Adds a point and the nodes of its row; false where there is no room.
+    fn carry<R: Real>(&mut self, mut point: Point, weights: [f64; 3], nodes: &ContactNodes<R>) -> bool {
         if self.points.len() == MAX_POINTS || self.nodes.len() + 3 * ROW > MAX_NODES {
             return false;
         }
+        let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
         let start = point.start as usize;
-        for (vertex, share) in vertices.into_iter().zip(weights) {
+        let vertices = surface.triangles[point.triangle as usize];
+        for (vertex, share) in vertices.into_iter().zip(weights).filter(|(_, share)| *share != 0.0) {
             let row = &surface.rows[vertex as usize];
             for i in (0..ROW).filter(|&i| row.weights[i] != 0.0) {
                 let weight = share * f64::from(row.weights[i]);
-                let local = self.local_node(row.nodes[i], model, nodes);
+                let local = self.local_node(row.nodes[i], &model, nodes);
                 match self.carried[start..].iter_mut().find(|(node, _)| *node == local) {
                     Some((_, sum)) => *sum += weight,
                     None => self.carried.push((local, weight)),
@@ -434,6 +470,7 @@ impl ContactSurface {
     fn project(&mut self, tools: &[ToolStep], dt: f64) {
         let limit = PUSH_LIMIT * self.model.lattice().cell_m();
         for sweep in 0..SWEEPS {
+            let (mut largest, mut change_of_any) = (0.0_f64, 0.0_f64);
             for point in &mut self.points {
                 let carried = &self.carried[point.start as usize..point.end as usize];
                 let tool = &tools[point.tool as usize];
@@ -473,10 +510,15 @@ impl ContactSurface {
                 point.drag = drag;
 
                 let impulse = point.normal * pushed + dragged;
+                largest = largest.max(point.push);
+                change_of_any = change_of_any.max(impulse.norm());
                 for &(node, weight) in carried {
                     let node = &mut self.nodes[node as usize];
                     node.change += node.mobility.component_mul(&impulse) * weight;
                 }
+            }
+            if change_of_any <= CONVERGED * largest {
+                break;
             }
         }
     }
@@ -509,6 +551,23 @@ impl ContactSurface {
             sum.work_j += impulse.dot(&point.tool_velocity);
         }
     }
+}
+
+/// Where a vertex is, model frame.
+fn position<R: Real>(surface: &Surface, vertex: u32, u: &Field<R>) -> Vec3 {
+    let row = &surface.rows[vertex as usize];
+    let moved = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
+    surface.positions[vertex as usize] + moved.sum::<Vec3>()
+}
+
+/// Whether a box comes within `slack` of any tool's way.
+fn is_near(tools: &[ToolStep], box_low: Vec3, box_high: Vec3, slack: f64) -> bool {
+    tools.iter().any(|tool| {
+        let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
+        let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
+        let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
+        (0..3).all(|i| low[i] <= box_high[i] && box_low[i] <= high[i])
+    })
 }
 
 /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that

@@ -324,6 +324,14 @@ impl<R: CpuReal> Core<R> {
 
     /// What one thread does alone after all runs have advanced.
     fn finish(&mut self, plan: &StepPlan, substep: u32, sums: &mut [ToolSum], report: &mut StepReport) {
+        let fastest = self.fastest();
+        // A node that crosses a whole cell in one substep, or goes nowhere finite, is lost; a comparison with NaN is false.
+        let is_sound = fastest * plan.dt < self.bricks.model.lattice().cell_m();
+        if !is_sound {
+            report.has_diverged = true;
+            self.nodes.v.0.fill(Default::default());
+            return;
+        }
         let duration = plan.dt * f64::from(plan.substeps);
         let span = [0, 1].map(|end| f64::from(substep + end) / f64::from(plan.substeps));
         let keep = self.keep(plan);
@@ -342,15 +350,11 @@ impl<R: CpuReal> Core<R> {
             corner_kg: &self.corner_kg,
             dt: plan.dt,
             step: duration,
+            fastest,
         };
         self.contact.resolve(plan.tools, span, &mut nodes, sums);
 
         report.contact_points = self.contact.point_count() as u32;
-        if self.has_diverged(plan.dt) {
-            report.has_diverged = true;
-            self.nodes.v.0.fill(Default::default());
-            return;
-        }
         report.substeps = substep + 1;
         self.nodes.swap();
 
@@ -418,12 +422,11 @@ impl<R: CpuReal> Core<R> {
         }
     }
 
-    /// Whether any node moved further than a cell in this substep, or nowhere finite.
-    fn has_diverged(&self, dt: f64) -> bool {
-        let limit = (self.bricks.model.lattice().cell_m() / dt).powi(2);
-        let mut marks = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
-        // A comparison with NaN is false.
-        !marks.all(|mark| f64::from(mark.speed2) < limit)
+    /// Speed of the fastest node in this substep, in m/s; not finite where any is not.
+    fn fastest(&self) -> f64 {
+        let marks = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
+        let speed2 = marks.fold(0.0, |most: f32, mark| if mark.speed2 <= most { most } else { mark.speed2 });
+        f64::from(speed2).sqrt()
     }
 
     fn put_to_sleep(&mut self, plan: &StepPlan) {

@@ -318,8 +318,14 @@ impl ContactSurface {
         let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
         self.moved_vertices.clear();
-        let at =
-            |vertex: &u32| (position(surface, *vertex, nodes.u_before), position(surface, *vertex, nodes.u));
+        // Where a vertex came from matters only if it may have come far.
+        let may_jump = tools.iter().any(|tool| nodes.fastest * nodes.dt > 0.25 * tool.desc.feature_m());
+        let at = |vertex: &u32| {
+            let after = position(surface, *vertex, nodes.u);
+            let before =
+                if may_jump && tissue_moves { position(surface, *vertex, nodes.u_before) } else { after };
+            (before, after)
+        };
         self.moved_vertices.extend(self.near_vertices.iter().map(at));
 
         for (number, tool) in tools.iter().enumerate() {

@@ -573,7 +573,8 @@ typedef struct {
 typedef struct {
     /// The tool's pose.
     plp_pose pose;
-    /// Velocity of the tool's origin in m/s, world frame.
+    /// Velocity of the tool's origin in m/s, world frame. Contact takes the velocity from successive poses; this
+    /// one and the next are kept with the force.
     double linear_m_s[3];
     /// Angular velocity in rad/s, world frame.
     double angular_rad_s[3];
@@ -898,12 +899,15 @@ plp_status plp_surface_destroy(plp_surface *surface);
 /// @thread port
 plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 
-/// Takes the newest frame of the surface. Waits for a step in progress; never makes a step wait. The view's
-/// arrays are valid, and do not change, until plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
+/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
+/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
+/// plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
 /// when the simulation is gone. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
-plp_status plp_surface_map(plp_surface *surface, plp_surface_view *view, uint32_t view_size);
+plp_status plp_surface_map(plp_surface *surface,
+                           plp_surface_view *view,
+                           uint32_t view_size);
 
 /// Ends the view of plp_surface_map: its arrays must not be read any more.
 ///

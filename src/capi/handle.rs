@@ -107,9 +107,9 @@ pub(super) fn hold<H: Handle>(handle: *const H) -> Result<Held<H>, plp_status> {
         return Err(PLP_ERR_BUSY);
     }
     let held = Held { shell, kind: PhantomData };
-    // The handle may have been destroyed between the check and the exchange. Relaxed: a destroyer writes the
-    // kind while it holds the state, so the exchange above already orders that write before this read.
-    if shell.kind.load(Ordering::Relaxed) == H::KIND { Ok(held) } else { Err(PLP_ERR_INVALID_HANDLE) }
+    // The handle may have been destroyed, and the shell used again, between the check and the exchange. Acquire:
+    // as in `find`, for a new handle's kind.
+    if shell.kind.load(Ordering::Acquire) == H::KIND { Ok(held) } else { Err(PLP_ERR_INVALID_HANDLE) }
 }
 
 impl<H: Handle> Deref for Held<H> {
@@ -155,8 +155,8 @@ where
         return Err(PLP_ERR_BUSY);
     }
     let shared = Shared { shell, kind: PhantomData };
-    // As in `hold`: a destroyer's write of the kind is ordered before the update above.
-    if shell.kind.load(Ordering::Relaxed) == H::KIND { Ok(shared) } else { Err(PLP_ERR_INVALID_HANDLE) }
+    // As in `hold`.
+    if shell.kind.load(Ordering::Acquire) == H::KIND { Ok(shared) } else { Err(PLP_ERR_INVALID_HANDLE) }
 }
 
 impl<H: Handle> Deref for Shared<H> {

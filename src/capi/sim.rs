@@ -532,7 +532,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         substeps: (desc.substeps > 0).then_some(desc.substeps),
         gravity_m_s2: vector(&desc.gravity_m_s2, "gravity_m_s2")?,
         rest_under_gravity: desc.flags & PLP_SIM_REST_UNDER_GRAVITY != 0,
-        drag_per_s: within(desc.drag_per_s, 0.0, 1e6, "drag_per_s")?,
+        drag_per_s: desc.drag_per_s,
         sleeping: desc.flags & PLP_SIM_SLEEPING != 0,
     })
 }

@@ -84,8 +84,9 @@ pub unsafe extern "C" fn plp_surface_set_field(surface: *mut plp_surface, field:
     })
 }
 
-/// Takes the newest frame of the surface. Waits for a step in progress; never makes a step wait. The view's
-/// arrays are valid, and do not change, until plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
+/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
+/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
+/// plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
 /// when the simulation is gone. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
@@ -100,7 +101,8 @@ pub unsafe extern "C" fn plp_surface_map(
         check_output(view, view_size)?;
         check_unmapped(&body)?;
         let is_running = body.port.is_running() && !body.link.is_poisoned();
-        let frame = view_of(&body.port.map()?);
+        // After a failure nothing new is shown.
+        let frame = view_of(&if is_running { body.port.map()? } else { body.port.last()? });
         body.is_mapped = true;
         // SAFETY: checked above; the host offers `view_size` bytes.
         unsafe { write_output(view, view_size, &frame) };

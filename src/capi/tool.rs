@@ -20,6 +20,11 @@ pub(super) struct ToolBody {
 }
 
 impl ToolBody {
+    /// Whether the tool's force means something: see [`ToolPort::is_live`]. Wait-free.
+    fn is_live(&self) -> bool {
+        self.port.is_live() && !self.link.is_poisoned()
+    }
+
     /// Whether the simulation exists, has this tool and is sound. Wait-free.
     fn is_running(&self) -> bool {
         self.port.is_running() && !self.link.is_poisoned()
@@ -115,7 +120,7 @@ pub unsafe extern "C" fn plp_tool_get_force(tool: *mut plp_tool, force: *mut plp
         let felt = body.port.force();
         // The last gate before a motor: whatever went wrong inside, a number that is none must not pass.
         let finite = felt.wrench.force_n.iter().chain(&felt.wrench.torque_n_m).all(|x| x.is_finite());
-        let live = finite && body.is_running();
+        let live = finite && body.is_live();
         let wrench = if live { felt.wrench } else { Wrench::default() };
         let felt = plp_force {
             force_n: wrench.force_n.into(),

@@ -643,7 +643,8 @@ unsafe impl Desc for plp_tool_desc {
 pub struct plp_motion {
     /// The tool's pose.
     pub pose: plp_pose,
-    /// Velocity of the tool's origin in m/s, world frame.
+    /// Velocity of the tool's origin in m/s, world frame. Contact takes the velocity from successive poses; this
+    /// one and the next are kept with the force.
     pub linear_m_s: [f64; 3],
     /// Angular velocity in rad/s, world frame.
     pub angular_rad_s: [f64; 3],

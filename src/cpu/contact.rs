@@ -11,7 +11,8 @@
 //! projection; a point that itself moves that far (stretched tissue springs back fast) is followed along its way. So neither can
 //! pass through the other.
 //!
-//! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses, a stiff wall.
+//! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses: a stiff wall
+//! without friction.
 
 use std::sync::Arc;
 
@@ -24,7 +25,7 @@ use crate::model::surface::{ROW, Surface};
 use crate::solver::tool::{Contact, ToolDesc};
 use crate::solver::{ToolStep, ToolSum};
 
-/// Most points in contact at once; deeper ones are kept no better than others, and what is dropped is counted.
+/// Most points in contact at once; the first that are found are kept, and what is dropped is counted.
 const MAX_POINTS: usize = 4096;
 /// Most nodes that carry them.
 const MAX_NODES: usize = 8192;
@@ -36,7 +37,7 @@ const CONVERGED: f64 = 1e-3;
 const MAX_DIVISION: u32 = 32;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
-/// Share of a cell by which a point may be pushed out in one substep, besides the tool's own motion.
+/// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
 /// "Not near a tool" in [`ContactSurface::place_of`].
 const FAR: u32 = u32::MAX;
@@ -119,6 +120,8 @@ struct Point {
     travel: f64,
     /// 1 / Σ w²/m over free nodes, or over all nodes where none is free.
     mass: f64,
+    /// How far the point may be pushed for each metre that its fastest node moves: below 1 where held nodes carry most of it.
+    lever: f64,
     is_movable: bool,
     /// Impulse on the tissue in N s: along the normal, and across it.
     push: f64,
@@ -285,7 +288,7 @@ impl ContactSurface {
             if self.points.is_empty() {
                 continue;
             }
-            self.project(tools, nodes.dt);
+            self.project(tools, nodes.dt, step == moves);
             self.apply(tools, t, nodes, sums);
         }
     }
@@ -412,6 +415,7 @@ impl ContactSurface {
             tool_velocity: view.tool.path.velocity(&view.pose, p, nodes.step),
             travel,
             mass: 0.0,
+            lever: 1.0,
             is_movable: false,
             push: 0.0,
             drag: Vec3::zeros(),
@@ -452,6 +456,10 @@ impl ContactSurface {
         }
         point.is_movable = free > MOVABLE * all;
         point.mass = 1.0 / if point.is_movable { free } else { all };
+        let fastest = self.carried[start..]
+            .iter()
+            .map(|&(node, weight)| weight.abs() * self.nodes[node as usize].mobility.max() * point.mass);
+        point.lever = 1.0 / fastest.fold(1.0, f64::max);
         self.points.push(point);
         true
     }
@@ -473,16 +481,17 @@ impl ContactSurface {
     }
 
     /// Finds impulses that put every point on its tool.
-    fn project(&mut self, tools: &[ToolStep], dt: f64) {
+    fn project(&mut self, tools: &[ToolStep], dt: f64, is_last_move: bool) {
         let limit = PUSH_LIMIT * self.model.lattice().cell_m();
         for sweep in 0..SWEEPS {
             let (mut largest, mut change_of_any) = (0.0_f64, 0.0_f64);
             for point in &mut self.points {
                 let carried = &self.carried[point.start as usize..point.end as usize];
                 let tool = &tools[point.tool as usize];
-                let target = point.depth.min(limit + point.travel);
+                let target = point.depth.min((limit + point.travel) * point.lever);
                 if !point.is_movable {
-                    if sweep == 0 {
+                    // It stays inside the tool: of several moves in a substep the last alone counts.
+                    if sweep == 0 && is_last_move {
                         point.push = point.mass * point.depth / dt;
                     }
                     continue;

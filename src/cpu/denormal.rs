@@ -16,11 +16,7 @@ impl FlushToZero {
     pub fn new() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
-            let mut before = 0_u32;
-            // SAFETY: stores a control register that every x86-64 processor has.
-            unsafe {
-                std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut before, options(nostack, preserves_flags));
-            }
+            let before = get();
             set(before | FLUSH);
             Self { before }
         }
@@ -38,16 +34,24 @@ impl Default for FlushToZero {
 impl Drop for FlushToZero {
     fn drop(&mut self) {
         #[cfg(target_arch = "x86_64")]
-        set(self.before);
+        set(get() & !FLUSH | self.before & FLUSH);
     }
 }
 
 #[cfg(target_arch = "x86_64")]
+fn get() -> u32 {
+    let mut mode = 0_u32;
+    // SAFETY: stores a control register that every x86-64 processor has.
+    unsafe { std::arch::asm!("stmxcsr [{}]", in(reg) &raw mut mode, options(nostack, preserves_flags)) };
+    mode
+}
+
+/// The language assumes the default mode; this changes nothing of it but how subnormal numbers are treated, around calls that are not
+/// inlined here, and no result below depends on when exactly that begins.
+#[cfg(target_arch = "x86_64")]
 fn set(mode: u32) {
-    // SAFETY: only the two bits that say how subnormal numbers are treated differ from what the register held.
-    unsafe {
-        std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const mode, options(nostack, readonly, preserves_flags));
-    }
+    // SAFETY: only the two bits differ from what the register held.
+    unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const mode, options(nostack, readonly)) };
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]

@@ -89,11 +89,6 @@ impl Sleep {
         self.awake_nodes
     }
 
-    /// Whether a brick sleeps.
-    pub fn is_asleep(&self, brick: usize) -> bool {
-        self.is_asleep[brick]
-    }
-
     /// Wakes everything.
     pub fn wake_all(&mut self, bricks: &Bricks) {
         self.quiet.fill(0);

@@ -13,6 +13,7 @@ use super::sleep::{Sleep, Thresholds};
 use super::stability;
 use super::surface;
 use super::workers::{Member, Workers};
+use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, NO_BRICK, flag};
@@ -72,7 +73,9 @@ unsafe impl<T: ?Sized> Sync for Shared<T> {}
 
 impl<R: CpuReal> CpuSolver<R> {
     /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included.
-    pub fn new(model: &Arc<Model>, threads: usize) -> Self {
+    ///
+    /// Fails when the operating system starts no more threads.
+    pub fn new(model: &Arc<Model>, threads: usize) -> Result<Self> {
         let lattice = model.lattice();
         let tables = LawTables::<R>::new(model.laws(), lattice.cell_m());
         let bricks = Bricks::new(model.clone());
@@ -104,9 +107,9 @@ impl<R: CpuReal> CpuSolver<R> {
         core.stable_dt = stability::stable_dt(omega, damping);
         let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
         core.sleep = Sleep::new(&core.bricks, Thresholds::new(omega, epsilon));
-        let workers = Workers::new(threads);
-        let scratches = (0..threads).map(|_| Scratch::new()).collect();
-        Self { core, scratches, workers }
+        let workers = Workers::new(threads)?;
+        let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
+        Ok(Self { core, scratches, workers })
     }
 }
 
@@ -425,7 +428,10 @@ impl<R: CpuReal> Core<R> {
     /// Speed of the fastest node in this substep, in m/s; not finite where any is not.
     fn fastest(&self) -> f64 {
         let marks = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
-        let speed2 = marks.fold(0.0, |most: f32, mark| if mark.speed2 <= most { most } else { mark.speed2 });
+        // A NaN, once met, stays: comparisons with it are false.
+        let faster =
+            |most: f32, mark: &Mark| if most.is_nan() || mark.speed2 <= most { most } else { mark.speed2 };
+        let speed2 = marks.fold(0.0, faster);
         f64::from(speed2).sqrt()
     }
 

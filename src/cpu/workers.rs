@@ -5,11 +5,12 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
 use std::thread::{JoinHandle, Thread};
 use std::time::{Duration, Instant};
 
 use super::denormal::FlushToZero;
+use crate::error::{Error, Result};
 
 /// How long a worker spins for its next job before it parks.
 const SPIN: Duration = Duration::from_micros(200);
@@ -29,8 +30,8 @@ struct Shared {
     barrier: Barrier,
     /// Counts jobs; a worker that sees it change has work.
     job_number: AtomicUsize,
-    /// The current job: two words of a fat pointer, written before `job_number`.
-    job: [AtomicUsize; 2],
+    /// The current job: a pointer to a reference on the stack of [`Workers::run`], written before `job_number`.
+    job: AtomicPtr<()>,
     finished: AtomicUsize,
     stop: AtomicBool,
     parked: Vec<AtomicBool>,
@@ -54,33 +55,34 @@ impl Member<'_> {
 }
 
 impl Workers {
-    /// Starts `count - 1` threads.
-    pub fn new(count: usize) -> Self {
+    /// Starts `count - 1` threads; fails, and stops those already started, when the operating system gives no more.
+    pub fn new(count: usize) -> Result<Self> {
+        let count = count.max(1);
+        let barrier = Barrier {
+            count,
+            arrived: AtomicUsize::new(0),
+            round: AtomicUsize::new(0),
+            broken: AtomicBool::new(false),
+        };
         let shared = Arc::new(Shared {
-            barrier: Barrier {
-                count,
-                arrived: AtomicUsize::new(0),
-                round: AtomicUsize::new(0),
-                broken: AtomicBool::new(false),
-            },
+            barrier,
             job_number: AtomicUsize::new(0),
-            job: [AtomicUsize::new(0), AtomicUsize::new(0)],
+            job: AtomicPtr::new(std::ptr::null_mut()),
             finished: AtomicUsize::new(0),
             stop: AtomicBool::new(false),
             parked: (0..count).map(|_| AtomicBool::new(false)).collect(),
         });
-        let threads = (1..count)
-            .map(|index| {
-                let shared = shared.clone();
-                let handle = std::thread::Builder::new()
-                    .name(format!("palpate-{index}"))
-                    .spawn(move || serve(&shared, index))
-                    .expect("the operating system starts a thread");
-                let thread = handle.thread().clone();
-                (handle, thread)
-            })
-            .collect();
-        Self { shared, threads }
+        let mut workers = Self { shared, threads: Vec::with_capacity(count - 1) };
+        for index in 1..count {
+            let shared = workers.shared.clone();
+            let handle = std::thread::Builder::new()
+                .name(format!("palpate-{index}"))
+                .spawn(move || serve(&shared, index))
+                .map_err(|e| Error::Limit(format!("thread {index} of {count} could not be started: {e}")))?;
+            let thread = handle.thread().clone();
+            workers.threads.push((handle, thread));
+        }
+        Ok(workers)
     }
 
     /// How many threads take part in a job.
@@ -91,10 +93,8 @@ impl Workers {
     /// Runs `job` on every thread at once and returns when all have finished. A panic in any of them comes out here.
     pub fn run(&mut self, job: &(dyn Fn(&Member) + Sync)) {
         let shared = &*self.shared;
-        // SAFETY: a reference to a trait object is two words; they become one again in `call`, while this call keeps the job alive.
-        let words: [usize; 2] = unsafe { std::mem::transmute::<&(dyn Fn(&Member) + Sync), _>(job) };
-        shared.job[0].store(words[0], Ordering::Relaxed);
-        shared.job[1].store(words[1], Ordering::Relaxed);
+        // The reference lies on this stack, and this call returns only when no worker looks at it any more.
+        shared.job.store((&raw const job).cast_mut().cast(), Ordering::Relaxed);
         shared.finished.store(0, Ordering::Relaxed);
         // Release: a worker that sees the new number sees the job and whatever the caller wrote for it. SeqCst, because this store
         // must not pass the loads of `parked` below: otherwise a worker could park unseen just after we looked.
@@ -105,7 +105,7 @@ impl Workers {
             }
         }
 
-        let mine = catch_unwind(AssertUnwindSafe(|| call(shared, words, 0)));
+        let mine = catch_unwind(AssertUnwindSafe(|| call(shared, 0)));
         if mine.is_err() {
             shared.barrier.breach();
         }
@@ -142,8 +142,7 @@ fn serve(shared: &Shared, index: usize) {
         if shared.stop.load(Ordering::SeqCst) {
             return;
         }
-        let words = [shared.job[0].load(Ordering::Relaxed), shared.job[1].load(Ordering::Relaxed)];
-        if catch_unwind(AssertUnwindSafe(|| call(shared, words, index))).is_err() {
+        if catch_unwind(AssertUnwindSafe(|| call(shared, index))).is_err() {
             shared.barrier.breach();
         }
         // Release: see `run`.
@@ -151,9 +150,11 @@ fn serve(shared: &Shared, index: usize) {
     }
 }
 
-fn call(shared: &Shared, words: [usize; 2], index: usize) {
-    // SAFETY: `run` stored the pointer, has not returned yet, and nothing else writes `job` meanwhile.
-    let job = unsafe { std::mem::transmute::<[usize; 2], &(dyn Fn(&Member) + Sync)>(words) };
+fn call(shared: &Shared, index: usize) {
+    // Relaxed: who sees the job's number sees the job.
+    let job = shared.job.load(Ordering::Relaxed).cast_const().cast::<&(dyn Fn(&Member) + Sync)>();
+    // SAFETY: `run` stored a pointer to such a reference, has not returned yet, and nothing else writes `job` meanwhile.
+    let job = unsafe { *job };
     let _mode = FlushToZero::new();
     job(&Member { index, count: shared.barrier.count, barrier: &shared.barrier });
 }
@@ -234,7 +235,7 @@ mod tests {
     #[test]
     fn members_see_each_others_writes_after_they_meet() {
         for count in 1..=3 {
-            let mut workers = Workers::new(count);
+            let mut workers = Workers::new(count).unwrap();
             let cells: Vec<AtomicUsize> = (0..count).map(|_| AtomicUsize::new(0)).collect();
             for _ in 0..50 {
                 let start = cells[0].load(Ordering::Relaxed);
@@ -253,7 +254,7 @@ mod tests {
 
     #[test]
     fn parked_workers_wake_for_the_next_job() {
-        let mut workers = Workers::new(2);
+        let mut workers = Workers::new(2).unwrap();
         let total = AtomicUsize::new(0);
         for _ in 0..5 {
             std::thread::sleep(SPIN * 5);
@@ -266,7 +267,7 @@ mod tests {
 
     #[test]
     fn a_panic_in_one_member_reaches_the_caller_and_spares_the_threads() {
-        let mut workers = Workers::new(2);
+        let mut workers = Workers::new(2).unwrap();
         for guilty in 0..2 {
             let outcome = catch_unwind(AssertUnwindSafe(|| {
                 workers.run(&|member| {

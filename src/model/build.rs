@@ -11,6 +11,9 @@ use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 
+/// Most cells of a model's bounding grid, empty ones included: some gigabytes of state.
+pub const MAX_CELLS: usize = 1 << 27;
+
 /// What the voxels of one label become.
 #[derive(Clone, Debug, PartialEq)]
 pub enum LabelUse {
@@ -140,6 +143,7 @@ impl Build {
 
         stage(0.05, "resample")?;
         let cell_m = self.cell_m.unwrap_or_else(|| self.grid.spacing().min());
+        self.check_cell_count(cell_m)?;
         let grid = self.grid.resample(cell_m, self.rule)?;
         let frame = grid.frame() * Pose::translation(-0.5 * cell_m, -0.5 * cell_m, -0.5 * cell_m);
 
@@ -207,6 +211,19 @@ impl Build {
         if let Some(cap) = self.young_cap_pa.filter(|cap| !(cap.is_finite() && *cap >= 1.0)) {
             return Err(Error::argument(format!(
                 "a cap of {cap} Pa on Young's modulus is not at least 1 Pa"
+            )));
+        }
+        Ok(())
+    }
+
+    /// Refuses more cells than [`MAX_CELLS`] before memory is taken for them.
+    fn check_cell_count(&self, cell_m: f64) -> Result<()> {
+        let (dims, spacing) = (self.grid.dims(), self.grid.spacing());
+        let count: f64 = (0..3).map(|a| (dims[a] as f64 * spacing[a] / cell_m).ceil()).product();
+        // A size that is not a number above 0 is refused where the grid is resampled.
+        if count > MAX_CELLS as f64 {
+            return Err(Error::Limit(format!(
+                "cells of {cell_m} m would divide the grid into {count:.3e} cells, more than {MAX_CELLS}"
             )));
         }
         Ok(())

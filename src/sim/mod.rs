@@ -23,7 +23,7 @@ use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
-use crate::solver::tool::{Contact, ToolDesc};
+use crate::solver::tool::{Contact, FAR_M, ToolDesc};
 
 /// The arithmetic of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -176,10 +176,13 @@ impl Sim {
         if !(tolerance_m_s2.is_finite() && tolerance_m_s2 > 0.0) {
             return Err(Error::argument(format!("a tolerance of {tolerance_m_s2} m/s² is not above 0")));
         }
+        if max_substeps == 0 {
+            return Err(Error::argument("settling needs at least one substep"));
+        }
         self.with(|state| state.settle(tolerance_m_s2, max_substeps))
     }
 
-    /// Back to the rest state at time 0, with loads, tools and gravity as they are.
+    /// Back to the rest state at time 0: rigid regions at their rest places, tools without force. Loads, tools and gravity stay.
     pub fn reset(&mut self) {
         self.with(State::reset);
     }
@@ -205,8 +208,8 @@ impl Sim {
     /// Drives the rigid region of a label: the transform (world frame) from its rest place to its new one, reached at the end of the
     /// next step.
     pub fn drive_region(&mut self, label: u16, motion: &Pose) -> Result<()> {
-        if !motion.to_homogeneous().iter().all(|x| x.is_finite()) {
-            return Err(Error::argument("the motion of a rigid region must be finite"));
+        if !motion.to_homogeneous().iter().all(|x| x.abs() <= FAR_M) {
+            return Err(Error::argument(format!("the motion of a rigid region must stay within {FAR_M} m")));
         }
         self.with(|state| state.drive_region(label, motion))
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::tool_port::{self, ToolEnd, ToolPort};
-use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
+use super::{LoadId, MAX_SUBSTEPS, MAX_THREADS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
 use crate::cpu::solver::CpuSolver;
 use crate::cpu::stability::strain_factor;
 use crate::error::{Error, Result};
@@ -14,7 +14,7 @@ use crate::model::lattice::flag;
 use crate::model::{Model, energy};
 use crate::solver::load::NodalLoads;
 use crate::solver::statistics::{Energy, Statistics};
-use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolMotion, ToolPath, Wrench};
+use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
 use crate::solver::{
     RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum,
 };
@@ -54,10 +54,10 @@ pub(super) struct State {
 impl State {
     pub fn new(model: Arc<Model>, desc: SimDesc) -> Result<Self> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = if desc.threads == 0 { cores } else { desc.threads };
+        let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
         let solver: Box<dyn Solver> = match desc.precision {
-            Precision::Single => Box::new(CpuSolver::<f32>::new(&model, threads)),
-            Precision::Double => Box::new(CpuSolver::<f64>::new(&model, threads)),
+            Precision::Single => Box::new(CpuSolver::<f32>::new(&model, threads)?),
+            Precision::Double => Box::new(CpuSolver::<f64>::new(&model, threads)?),
         };
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
@@ -188,8 +188,9 @@ impl State {
         };
         self.tool_work_j = 0.0;
         self.forget_plan();
-        for region in self.regions.values_mut() {
-            region.0 = Pose::identity();
+        self.regions.clear();
+        for tool in &mut self.tools {
+            tool.release(0.0, 0, false);
         }
         self.note_substeps();
     }
@@ -400,14 +401,14 @@ impl State {
         let time_s = self.statistics.time_s;
         self.diverged_at = Some(time_s);
         for tool in &mut self.tools {
-            let motion = tool.stands.unwrap_or(ToolMotion::at(Pose::identity()));
-            let wrench = Wrench::default();
-            tool.force.publish(ToolForce { wrench, motion, time_s, sequence: self.statistics.steps });
+            tool.release(time_s, self.statistics.steps, true);
         }
         let dt = self.statistics.substep_s;
         Error::Diverged {
             time_s,
-            reason: format!("a node moved further than a cell in a substep of {dt:.3e} s"),
+            reason: format!(
+                "a node moved further than a cell, or nowhere finite, in a substep of {dt:.3e} s"
+            ),
         }
     }
 }

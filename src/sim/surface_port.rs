@@ -86,7 +86,13 @@ impl SurfacePort {
             if !std::mem::replace(&mut self.has_frame, true) {
                 self.previous.copy_from_slice(&self.positions);
             }
-        } else if !self.has_frame {
+        }
+        self.last()
+    }
+
+    /// The frame that was taken last.
+    pub fn last(&self) -> Result<SurfaceFrame<'_>> {
+        if !self.has_frame {
             return Err(Error::argument(
                 "the simulation ended before this surface was mapped for the first time",
             ));

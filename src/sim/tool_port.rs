@@ -16,6 +16,7 @@ pub struct ToolPort {
     motion: Writer<Option<ToolMotion>>,
     force: Reader<ToolForce>,
     is_running: Arc<AtomicBool>,
+    has_failed: Arc<AtomicBool>,
 }
 
 /// The simulation's end of a tool.
@@ -28,6 +29,7 @@ pub(super) struct ToolEnd {
     /// Where the tool stands, world frame; `None` before its first motion.
     pub stands: Option<ToolMotion>,
     is_running: Arc<AtomicBool>,
+    has_failed: Arc<AtomicBool>,
 }
 
 /// Both ends of a new tool.
@@ -40,6 +42,7 @@ pub(super) fn open(id: ToolId, desc: &ToolDesc) -> (ToolPort, ToolEnd) {
         sequence: 0,
     });
     let is_running = Arc::new(AtomicBool::new(true));
+    let has_failed = Arc::new(AtomicBool::new(false));
     let end = ToolEnd {
         id,
         desc: Arc::new(desc.clone()),
@@ -47,8 +50,9 @@ pub(super) fn open(id: ToolId, desc: &ToolDesc) -> (ToolPort, ToolEnd) {
         force,
         stands: None,
         is_running: is_running.clone(),
+        has_failed: has_failed.clone(),
     };
-    (ToolPort { id, motion: motion_writer, force: force_reader, is_running }, end)
+    (ToolPort { id, motion: motion_writer, force: force_reader, is_running, has_failed }, end)
 }
 
 impl ToolPort {
@@ -74,6 +78,23 @@ impl ToolPort {
     pub fn is_running(&self) -> bool {
         // Relaxed: nothing else is read on the strength of this.
         self.is_running.load(Ordering::Relaxed)
+    }
+}
+
+impl ToolPort {
+    /// Whether the newest force means something: the simulation runs and has not diverged since its last reset. Wait-free.
+    pub fn is_live(&self) -> bool {
+        // Relaxed: as above.
+        self.is_running() && !self.has_failed.load(Ordering::Relaxed)
+    }
+}
+
+impl ToolEnd {
+    /// Lets go: publishes no force, and says whether that is because the simulation failed.
+    pub(super) fn release(&mut self, time_s: f64, sequence: u64, has_failed: bool) {
+        let motion = self.stands.unwrap_or(ToolMotion::at(Pose::identity()));
+        self.force.publish(ToolForce { wrench: Wrench::default(), motion, time_s, sequence });
+        self.has_failed.store(has_failed, Ordering::Relaxed);
     }
 }
 

@@ -4,6 +4,9 @@ use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::{Model, binding};
 
+/// Largest magnitude of any number of a load: far beyond what tissue bears, far below what single precision holds.
+const LARGEST: f64 = 1e9;
+
 /// A load on the tissue. World frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Load {
@@ -61,6 +64,11 @@ impl Load {
                 let (rows, _) = binding::bind(&[local * h], lattice, |_| true)?;
                 let force = frame.rotation.inverse() * force_n;
                 let row = &rows[0];
+                if row.weights.iter().any(|weight| *weight < -1e-4) {
+                    return Err(Error::argument(format!(
+                        "the point of a load, {at_m:?}, is not inside the tissue"
+                    )));
+                }
                 let shares = row.nodes.iter().zip(row.weights).filter(|(_, weight)| *weight != 0.0);
                 loads.forces.extend(shares.map(|(&slot, weight)| (slot, force * f64::from(weight))));
             }
@@ -119,6 +127,7 @@ impl Region {
 }
 
 fn finite(what: &str, vectors: &[Vec3]) -> Result<()> {
-    let good = vectors.iter().all(|v| v.iter().all(|x| x.is_finite()));
-    good.then_some(()).ok_or_else(|| Error::argument(format!("{what} must be finite")))
+    let good = vectors.iter().all(|v| v.iter().all(|x| x.abs() <= LARGEST));
+    good.then_some(())
+        .ok_or_else(|| Error::argument(format!("the numbers of {what} must lie within ±{LARGEST:e}")))
 }

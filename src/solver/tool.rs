@@ -41,7 +41,7 @@ pub struct ToolDesc {
 pub struct ToolMotion {
     /// Tool frame to world.
     pub pose: Pose,
-    /// Velocity of the tool's origin in m/s.
+    /// Velocity of the tool's origin in m/s. Contact takes the velocity from successive poses; this one is kept with the force.
     pub linear_m_s: Vec3,
     /// Angular velocity in rad/s.
     pub angular_rad_s: Vec3,
@@ -110,6 +110,9 @@ impl ToolDesc {
     }
 }
 
+/// Farthest from the world's origin, along each axis, that a tool or a rigid region may be, in m.
+pub const FAR_M: f64 = 1e4;
+
 /// Most shapes in one tool.
 pub const MAX_PARTS: usize = 16;
 
@@ -122,8 +125,11 @@ impl ToolMotion {
     /// Refuses anything that is not finite.
     pub fn check(&self) -> Result<()> {
         let vectors = self.linear_m_s.iter().chain(self.angular_rad_s.iter()).all(|x| x.is_finite());
-        if !vectors || !finite(&self.pose) {
-            return Err(Error::argument("a tool's pose and velocity must be finite"));
+        let is_near = self.pose.translation.vector.iter().all(|x| x.abs() <= FAR_M);
+        if !vectors || !is_near || !finite(&self.pose) {
+            return Err(Error::argument(format!(
+                "a tool's pose and velocity must be finite, and the tool within {FAR_M} m of the origin"
+            )));
         }
         Ok(())
     }

@@ -5,6 +5,7 @@
 
 mod contact;
 mod elastic;
+mod failure;
 mod repeat;
 mod scene;
 mod shapes;

@@ -113,7 +113,7 @@ pub struct Mark {
     pub displacement2: f32,
     /// Σ m v², twice the kinetic energy, J.
     pub vis_viva: f32,
-    /// Largest |1 − L / l| of a spring.
+    /// Largest |1 − L / l| of an edge spring.
     pub strain: f32,
     /// Largest J − 1 of a cell with a volume term.
     pub swelling: f32,

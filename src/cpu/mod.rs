@@ -2,7 +2,7 @@
 
 pub mod contact;
 pub mod denormal;
-pub mod lanes;
+pub(crate) mod lanes;
 pub mod lattice;
 pub mod nodes;
 pub mod sleep;

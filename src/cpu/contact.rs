@@ -80,6 +80,8 @@ pub struct ContactSurface {
     near_vertices: Vec<u32>,
     /// Where they are, filled for each look at the contact.
     moved_vertices: Vec<(Vec3, Vec3)>,
+    /// Where they come from, as a tool sees it.
+    starts: Vec<Vec3>,
     /// Which of them a tool has been asked about.
     probed: Vec<bool>,
     /// The place of each vertex in `near_vertices`, or [`FAR`].
@@ -186,6 +188,7 @@ impl ContactSurface {
             near: Vec::with_capacity(grouped.len()),
             near_vertices: Vec::with_capacity(vertices),
             moved_vertices: Vec::with_capacity(vertices),
+            starts: Vec::with_capacity(vertices),
             probed: Vec::with_capacity(vertices),
             place_of: vec![FAR; vertices],
             grouped,
@@ -344,15 +347,16 @@ impl ContactSurface {
             // Where the tool's end finds what was at p when the move began.
             let carry_over = pose * tool.path.at(span[0]).inverse();
             let centre = pose.translation.vector;
+            // Seen from the tool, the vertices come from here.
+            self.starts.clear();
+            let seen = |(before, _): &(Vec3, Vec3)| carry_over.transform_point(&(*before).into()).coords;
+            self.starts.extend(self.moved_vertices.iter().map(seen));
             self.probed.clear();
             self.probed.resize(self.near_vertices.len(), false);
             for at in 0..self.near.len() {
                 let (triangle, places) = self.near[at];
                 let corners = places.map(|place| self.moved_vertices[place as usize].1);
-                // Seen from the tool, the corners come from here.
-                let starts = places.map(|place| {
-                    carry_over.transform_point(&self.moved_vertices[place as usize].0.into()).coords
-                });
+                let starts = places.map(|place| self.starts[place as usize]);
                 let outside = |axis: usize| {
                     let (low, high) = (centre[axis] - view.radius, centre[axis] + view.radius);
                     let mut ends = corners.iter().chain(&starts);

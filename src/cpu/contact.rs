@@ -90,7 +90,7 @@ pub struct ContactSurface {
     carried: Vec<(u32, f64)>,
     nodes: Vec<TouchedNode>,
     index: NodeIndex,
-    /// Bricks of nodes that were pushed in the last substep.
+    /// Bricks of nodes that were pushed in the last substep, each once.
     touched_bricks: Vec<u32>,
     dropped: u64,
 }
@@ -556,7 +556,7 @@ impl ContactSurface {
             nodes.u.set(node.slot, u + node.change * nodes.dt);
             let brick = node.slot / BRICK_SLOTS as u32;
             let has_room = self.touched_bricks.len() < self.touched_bricks.capacity();
-            if self.touched_bricks.last() != Some(&brick) && has_room {
+            if has_room && !self.touched_bricks.contains(&brick) {
                 self.touched_bricks.push(brick);
             }
         }

@@ -460,12 +460,9 @@ impl<R: CpuReal> Core<R> {
     fn measure(&self, report: &mut StepReport) {
         report.awake_nodes = self.sleep.awake_nodes();
         report.dropped_points = self.contact.dropped_points();
-        report.kinetic_j = 0.5 * self.vis_viva;
         let largest = |f: fn(&Mark) -> f32| f64::from(self.marks.iter().map(f).fold(0.0, f32::max));
         report.strain = largest(|m| m.strain);
         report.volume_ratio = [1.0 - largest(|m| m.shrinking), 1.0 + largest(|m| m.swelling)];
-        let awake = self.sleep.awake().iter().flat_map(|run| &self.marks[run.first..run.end()]);
-        report.acceleration_m_s2 = f64::from(awake.map(|m| m.acceleration2).fold(0.0, f32::max)).sqrt();
     }
 
     /// Accelerations by inner forces, without moving anything.

@@ -75,10 +75,6 @@ pub struct StepReport {
     pub strain: f64,
     /// Smallest and largest J of a cell with a volume term.
     pub volume_ratio: [f64; 2],
-    /// Largest acceleration of a node along its free axes, loads and contact not counted, in m/s².
-    pub acceleration_m_s2: f64,
-    /// Kinetic energy in J.
-    pub kinetic_j: f64,
     /// Surface points in contact in the last substep.
     pub contact_points: u32,
     /// Surface points in tools since creation for which there was no room.

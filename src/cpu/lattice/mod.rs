@@ -29,7 +29,8 @@ use super::lanes::{Lanes, Octet, Portable, Real};
 use super::nodes::{BRICK_ROWS, Bricks, Run};
 use crate::model::law::{CellLaw, SpringClass};
 
-/// Longest run of bricks along x. Its scratch rows stay in the first-level cache as a window slides over them.
+/// Longest run of bricks along x. Of its scratch rows only the three octet columns around the current one are in use at a time, and those
+/// stay in the first-level cache.
 pub const MAX_RUN: usize = 16;
 
 /// Octets of a staged row: the run and one octet of halo on each side.

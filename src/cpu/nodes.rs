@@ -5,21 +5,22 @@ use std::sync::Arc;
 use super::lanes::{Octet, Real};
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::lattice::{BRICK, BRICK_SLOTS, NO_BRICK};
+use crate::model::lattice::{BRICK, BRICK_SLOTS};
 
 /// Rows of eight nodes in a brick.
 pub const BRICK_ROWS: usize = BRICK[1] * BRICK[2];
 /// Octets of a vector field in a brick: x of all rows, then y, then z.
 pub const BRICK_OCTETS: usize = 3 * BRICK_ROWS;
 
-/// A vector for each slot: `[brick][component][row]` octets.
+/// A vector for each slot: `[brick][component][row]` octets. Behind the last brick lies one of zeros, which stands for every brick that is
+/// not there.
 #[derive(Clone, Debug)]
 pub struct Field<R>(pub Vec<Octet<R>>);
 
 impl<R: Real> Field<R> {
     /// All zero.
     pub fn zeros(bricks: usize) -> Self {
-        Self(vec![Octet::default(); bricks * BRICK_OCTETS])
+        Self(vec![Octet::default(); (bricks + 1) * BRICK_OCTETS])
     }
 
     /// Index of the x component of a slot among single numbers; y and z follow at distances of [`BRICK_SLOTS`].
@@ -104,11 +105,12 @@ impl<R: Real> Nodes<R> {
 pub struct Bricks {
     /// The model whose bricks these are.
     pub model: Arc<Model>,
-    /// The 27 bricks around each, x fastest, itself at 13.
+    /// The 27 bricks around each, x fastest, itself at 13; [`Self::count`], an empty brick, where there is none.
     pub neighbours: Vec<[u32; 27]>,
-    /// Bit `row` is set where that row of a brick holds a node.
+    /// Bit `row` is set where that row of a brick holds a node. The empty brick is the last.
     pub rows: Vec<u16>,
-    /// Material of the cell whose lowest corner is in each slot: what the kernel needs of the words, in a quarter of the memory.
+    /// Material of the cell whose lowest corner is in each slot: what the kernel needs of the words, in a quarter of the memory. The empty
+    /// brick is the last.
     pub cells: Vec<u8>,
 }
 
@@ -116,13 +118,14 @@ impl Bricks {
     /// Neighbours and row masks of a model's bricks.
     pub fn new(model: Arc<Model>) -> Self {
         let lattice = model.lattice();
+        let count = lattice.bricks().len() as u32;
         let neighbours = lattice
             .bricks()
             .iter()
             .map(|brick| {
                 std::array::from_fn(|n| {
                     let offset = [n % 3, n / 3 % 3, n / 9].map(|c| c as i64 - 1);
-                    lattice.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + offset[a]))
+                    lattice.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + offset[a])).min(count)
                 })
             })
             .collect();
@@ -133,14 +136,21 @@ impl Bricks {
                 let holds = |row: &[u32]| row.iter().any(|&word| word != 0);
                 brick.chunks_exact(8).enumerate().fold(0, |mask, (r, row)| mask | u16::from(holds(row)) << r)
             })
+            .chain([0])
             .collect();
-        let cells = lattice.words().iter().map(|word| (word >> 28) as u8).collect();
+        let empty = [0; BRICK_SLOTS];
+        let cells = lattice.words().iter().map(|word| (word >> 28) as u8).chain(empty).collect();
         Self { neighbours, rows, cells, model }
     }
 
     /// Number of bricks.
     pub fn count(&self) -> usize {
-        self.rows.len()
+        self.neighbours.len()
+    }
+
+    /// The bricks around one that are there, itself among them.
+    pub fn around(&self, brick: usize) -> impl Iterator<Item = usize> {
+        self.neighbours[brick].iter().map(|&near| near as usize).filter(|&near| near < self.count())
     }
 
     /// Lists rows of consecutive bricks along x that satisfy `wanted`, none longer than `longest`.
@@ -151,7 +161,6 @@ impl Bricks {
                 Some(run)
                     if run.end() == brick
                         && run.bricks < longest
-                        && self.neighbours[brick][12] != NO_BRICK
                         && self.neighbours[brick][12] as usize == brick - 1 =>
                 {
                     run.bricks += 1;

@@ -8,7 +8,6 @@
 
 use super::lattice::{MAX_RUN, Mark};
 use super::nodes::{Bricks, Run};
-use crate::model::lattice::NO_BRICK;
 
 /// Substeps of quiet before a brick sleeps.
 const QUIET_SUBSTEPS: u8 = 32;
@@ -132,11 +131,9 @@ impl Sleep {
             }
         }
         for brick in touched {
-            for &near in &bricks.neighbours[brick as usize] {
-                if near != NO_BRICK {
-                    has_changed |= std::mem::take(&mut self.is_asleep[near as usize]);
-                    self.quiet[near as usize] = 0;
-                }
+            for near in bricks.around(brick as usize) {
+                has_changed |= std::mem::take(&mut self.is_asleep[near]);
+                self.quiet[near] = 0;
             }
         }
         for run in 0..self.awake.len() {
@@ -158,10 +155,7 @@ impl Sleep {
     fn list(&mut self, bricks: &Bricks) {
         let Self { is_asleep, awake, watched, nodes_in, .. } = self;
         bricks.list_runs(MAX_RUN, |b| !is_asleep[b], awake);
-        let near_awake = |b: usize| {
-            let mut near = bricks.neighbours[b].iter();
-            is_asleep[b] && near.any(|&n| n != NO_BRICK && !is_asleep[n as usize])
-        };
+        let near_awake = |b: usize| is_asleep[b] && bricks.around(b).any(|near| !is_asleep[near]);
         bricks.list_runs(MAX_RUN, near_awake, watched);
         self.awake_nodes =
             (0..is_asleep.len()).filter(|&b| !is_asleep[b]).map(|b| u64::from(nodes_in[b])).sum();

@@ -16,7 +16,7 @@ use super::workers::{Member, Workers};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::lattice::{BRICK_SLOTS, NO_BRICK, flag};
+use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -253,8 +253,8 @@ impl<R: CpuReal> Core<R> {
                 f64::from(fastest).sqrt() * duration + tools + 0.5 * self.bricks.model.lattice().cell_m();
             let (marks, bricks) = (&self.marks, &self.bricks);
             let moved = |brick: u32| {
-                let near = bricks.neighbours[brick as usize].iter().filter(|&&n| n != NO_BRICK);
-                f64::from(near.map(|&n| marks[n as usize].displacement2).fold(0.0, f32::max)).sqrt()
+                let near = bricks.around(brick as usize);
+                f64::from(near.map(|near| marks[near].displacement2).fold(0.0, f32::max)).sqrt()
             };
             let most = f64::from(marks.iter().map(|m| m.displacement2).fold(0.0, f32::max)).sqrt();
             self.contact.gather(plan.tools, moved, most, margin);

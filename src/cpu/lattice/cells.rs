@@ -1,15 +1,21 @@
-//! The volume terms of a column of octets of cells.
+//! The volume terms of a brick's cells.
 
-use super::super::lanes::{Lanes, Octet};
+use super::super::lanes::Lanes;
+use super::stage::Held;
 use super::sums::{give, minus, plus, take};
-use super::{Constants, ROW, ROWS, SIDE, Scratch, at, own, owned};
+use super::{Constants, Extremes, LEFT_END, SIDE, Scratch, WHOLE, Window, owned};
 use crate::model::law::volume_change;
 
-/// The volume terms of one column of octets of cells.
+/// The volume terms of a brick's cells, or of those that end at its first nodes.
 #[inline(always)]
-pub(super) unsafe fn cells<L: Lanes>(s: &mut Scratch<L::Real>, x: usize, c: &Constants<L>) {
-    let here = s.holds[x];
-    let (mut swelling, mut shrinking) = (c.zero, c.zero);
+pub(super) unsafe fn cells<L: Lanes, const COLUMN: u8>(
+    s: &mut Scratch<L::Real>,
+    held: Held,
+    c: &Constants<L>,
+    extremes: &mut Extremes<L>,
+) {
+    let here = if COLUMN == LEFT_END { held.before } else { held.here };
+    let shift = if COLUMN == LEFT_END { -1 } else { 0 };
     for z in 0..SIDE - 1 {
         for y in 0..SIDE - 1 {
             let low = z * SIDE + y;
@@ -17,22 +23,19 @@ pub(super) unsafe fn cells<L: Lanes>(s: &mut Scratch<L::Real>, x: usize, c: &Con
                 continue;
             }
             let rows = [low, low + 1, low + SIDE, low + SIDE + 1];
-
-            // SAFETY: as the caller's; `x` is not the last octet of a row.
-            let gradient = unsafe {
-                [
-                    gradient::<L>(&s.u[0], rows, x, c),
-                    gradient::<L>(&s.u[1], rows, x, c),
-                    gradient::<L>(&s.u[2], rows, x, c),
-                ]
-            };
+            let [a, b, d, e] =
+                [&s.rows[rows[0]].u, &s.rows[rows[1]].u, &s.rows[rows[2]].u, &s.rows[rows[3]].u];
+            let gradient = [
+                gradient::<L>([&a[0], &b[0], &d[0], &e[0]], shift, c),
+                gradient::<L>([&a[1], &b[1], &d[1], &e[1]], shift, c),
+                gradient::<L>([&a[2], &b[2], &d[2], &e[2]], shift, c),
+            ];
             let (cof, dj) = volume_change(gradient);
-            // SAFETY: as the caller's.
-            let stiffness = unsafe { at::<L>(&s.volume[low], x, 0) };
+            let stiffness = s.rows[low].volume.at::<L>(shift);
             let p = stiffness.mul(dj).mul(c.minus_one);
             let there = dj.magnitude_where(stiffness);
-            swelling = there.min(dj).max(swelling);
-            shrinking = there.min(c.zero.sub(dj)).max(shrinking);
+            extremes.swelling = there.min(dj).max(extremes.swelling);
+            extremes.shrinking = there.min(c.zero.sub(dj)).max(extremes.shrinking);
 
             // Corner (±, ±, ±) receives ±cx ±cy ±cz.
             let cx = [cof[0][0].mul(p), cof[1][0].mul(p), cof[2][0].mul(p)];
@@ -43,54 +46,36 @@ pub(super) unsafe fn cells<L: Lanes>(s: &mut Scratch<L::Real>, x: usize, c: &Con
                 if !owned((row % SIDE) as isize, (row / SIDE) as isize) {
                     continue;
                 }
-                let sums = &mut s.sums[x & 1][own(row)];
+                let sums = &mut s.rows[row].sums;
                 // What the node ahead receives is subtracted from what is taken from it.
                 match r {
-                    0 => {
-                        take::<L>(&mut sums.at, plus(same, cx));
-                        give::<L>(&mut sums.up, minus(same, cx));
-                    }
-                    1 => {
-                        give::<L>(&mut sums.at, minus(opposite, cx));
-                        take::<L>(&mut sums.up, plus(opposite, cx));
-                    }
-                    2 => {
-                        take::<L>(&mut sums.at, plus(opposite, cx));
-                        give::<L>(&mut sums.up, minus(opposite, cx));
-                    }
-                    _ => {
-                        give::<L>(&mut sums.at, minus(same, cx));
-                        take::<L>(&mut sums.up, plus(same, cx));
+                    0 => give::<L>(&mut sums.up, minus(same, cx)),
+                    1 => take::<L>(&mut sums.up, plus(opposite, cx)),
+                    2 => give::<L>(&mut sums.up, minus(opposite, cx)),
+                    _ => take::<L>(&mut sums.up, plus(same, cx)),
+                }
+                if COLUMN == WHOLE {
+                    match r {
+                        0 => take::<L>(&mut sums.at, plus(same, cx)),
+                        1 => give::<L>(&mut sums.at, minus(opposite, cx)),
+                        2 => take::<L>(&mut sums.at, plus(opposite, cx)),
+                        _ => give::<L>(&mut sums.at, minus(same, cx)),
                     }
                 }
             }
         }
     }
-    // SAFETY: whole octets.
-    unsafe {
-        swelling.store(s.extremes[1].0.as_mut_ptr());
-        shrinking.store(s.extremes[2].0.as_mut_ptr());
-    }
 }
 
 /// One component's gradient in eight cells with corner rows `rows`: sums and differences along x, then along y and z.
 #[inline(always)]
-unsafe fn gradient<L: Lanes>(
-    field: &[[Octet<L::Real>; ROW]; ROWS],
-    rows: [usize; 4],
-    x: usize,
-    c: &Constants<L>,
-) -> [L; 3] {
-    // SAFETY: as the caller's.
-    unsafe {
-        let (a, a1) = (at::<L>(&field[rows[0]], x, 0), at::<L>(&field[rows[0]], x, 1));
-        let (b, b1) = (at::<L>(&field[rows[1]], x, 0), at::<L>(&field[rows[1]], x, 1));
-        let (d, d1) = (at::<L>(&field[rows[2]], x, 0), at::<L>(&field[rows[2]], x, 1));
-        let (e, e1) = (at::<L>(&field[rows[3]], x, 0), at::<L>(&field[rows[3]], x, 1));
-        let (sa, sb, sd, se) = (a.add(a1), b.add(b1), d.add(d1), e.add(e1));
-        let dx = a1.sub(a).add(b1.sub(b)).add(d1.sub(d).add(e1.sub(e)));
-        let dy = sb.sub(sa).add(se.sub(sd));
-        let dz = sd.sub(sa).add(se.sub(sb));
-        [dx.mul(c.inverse_4h), dy.mul(c.inverse_4h), dz.mul(c.inverse_4h)]
-    }
+fn gradient<L: Lanes>(rows: [&Window<L::Real>; 4], shift: isize, c: &Constants<L>) -> [L; 3] {
+    let [a, b, d, e] = [rows[0].at::<L>(shift), rows[1].at(shift), rows[2].at(shift), rows[3].at(shift)];
+    let next = shift + 1;
+    let [a1, b1, d1, e1] = [rows[0].at::<L>(next), rows[1].at(next), rows[2].at(next), rows[3].at(next)];
+    let (sa, sb, sd, se) = (a.add(a1), b.add(b1), d.add(d1), e.add(e1));
+    let dx = a1.sub(a).add(b1.sub(b)).add(d1.sub(d).add(e1.sub(e)));
+    let dy = sb.sub(sa).add(se.sub(sd));
+    let dz = sd.sub(sa).add(se.sub(sb));
+    [dx.mul(c.inverse_4h), dy.mul(c.inverse_4h), dz.mul(c.inverse_4h)]
 }

@@ -1,17 +1,17 @@
 //! One substep of the lattice over a run of bricks: the kernel.
 //!
-//! A run of up to [`MAX_RUN`] bricks along x and the one-node halo around it is staged into scratch rows. Rows of nodes then walk along
-//! x, eight nodes a time, and evaluate each spring once for both of its ends:
+//! A run of up to [`MAX_RUN`] bricks along x is advanced brick by brick. The brick's sixteen rows of eight nodes and the one-node halo around them are
+//! staged into scratch rows, where each spring is evaluated once for both of its ends:
 //!
 //! ```text
 //!   z+1   (y-1) (y) (y+1)        a row A looks forward to four rows B and to itself;
 //!   z           [A] (y+1)        with each B there are three springs: dx = -1, 0, +1
 //! ```
 //!
-//! The force on A is summed in registers. The reaction on B at `x + dx` is kept at A's index in one of three sums for B (`dx` = 0, +1, -1) and
-//! shifted by one lane when the node is integrated, one vector later, when all its parts are there. Springs that leave the run are
-//! evaluated by both runs. Every node so receives its forces in an order fixed by the model alone: runs, threads and their number
-//! change nothing.
+//! The force on A is summed in registers. The reaction on B at `x + dx` is kept at A's index in one of three sums for B (`dx` = 0, +1, -1)
+//! and shifted by one lane at the end; what crosses to the next brick is kept for it, so that a brick's nodes move when the next one's
+//! springs are known. Springs that leave the run are evaluated by both runs. Every node so receives its forces in an order fixed by the
+//! model alone: runs, threads and their number change nothing.
 
 mod cells;
 mod integrate;
@@ -22,22 +22,20 @@ mod sums;
 mod tests;
 
 use self::cells::cells;
-use self::integrate::{integrate, take_from_below};
-use self::springs::{LEFT_HALO, RIGHT_HALO, WHOLE, springs};
-use self::stage::{fetch, stage};
+use self::integrate::{Motion, integrate};
+use self::springs::springs;
+use self::stage::{Held, enter, fetch, stage};
+use self::sums::{clear, keep, turn_left_end};
 use super::lanes::{Lanes, Octet, Portable, Real};
-use super::nodes::{BRICK_ROWS, Bricks, Run};
+use super::nodes::{Bricks, Run};
 use crate::model::law::{CellLaw, SpringClass};
 
-/// Longest run of bricks along x. Of its scratch rows only the three octet columns around the current one are in use at a time, and those
-/// stay in the first-level cache.
+/// Longest run of bricks along x: long enough that its ends cost little, short enough that every thread finds one.
 pub const MAX_RUN: usize = 16;
 
-/// Octets of a staged row: the run and one octet of halo on each side.
-const ROW: usize = MAX_RUN + 2;
 /// Staged rows along y, and along z: a brick's four and the halo.
 const SIDE: usize = 6;
-/// Staged rows; row `(y, z)` of the run is `(z + 1) * SIDE + y + 1`.
+/// Staged rows; row `(y, z)` of the brick is `(z + 1) * SIDE + y + 1`.
 const ROWS: usize = SIDE * SIDE;
 
 /// Stiffnesses and masses of the sixteen materials (0 is empty), rounded to the scalar.
@@ -122,24 +120,58 @@ pub struct Mark {
     pub shrinking: f32,
 }
 
-/// Staged rows of one thread.
-#[derive(Debug)]
-pub struct Scratch<R> {
-    u: [[[Octet<R>; ROW]; ROWS]; 3],
-    v: [[[Octet<R>; ROW]; ROWS]; 3],
-    spring: [[Octet<R>; ROW]; ROWS],
-    volume: [[Octet<R>; ROW]; ROWS],
-    corner: [[Octet<R>; ROW]; ROWS],
-    damper: [[Octet<R>; ROW]; ROWS],
-    /// Of this octet column and the one before.
-    sums: [[Sums<R>; BRICK_ROWS]; 2],
-    /// Which staged rows hold a node, a bit for each row, for each octet column.
-    holds: [u64; ROW],
-    /// Of the springs and cells of this octet column: largest |1 − L / l|, J − 1, 1 − J.
-    extremes: [Octet<R>; 3],
+/// Eight numbers of a row and, on both sides, the next one: a cache line in single precision, so that no shifted load crosses its border.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Window<R>([R; 16]);
+
+impl<R: Real> Window<R> {
+    /// Where the eight begin.
+    const FIRST: usize = 4;
+
+    /// The eight numbers, moved by `dx` = -1, 0 or 1 nodes.
+    #[inline(always)]
+    fn at<L: Lanes<Real = R>>(&self, dx: isize) -> L {
+        debug_assert!(dx.abs() <= 1);
+        // SAFETY: 3 to 5 and eight more numbers are inside the window.
+        unsafe { L::load(self.0.as_ptr().add(Self::FIRST).offset(dx)) }
+    }
+
+    /// Moves on by a row: its last number is now the one before.
+    #[inline(always)]
+    fn pass_last(&mut self) {
+        self.0[Self::FIRST - 1] = self.0[Self::FIRST + 7];
+    }
+
+    /// Replaces the last of the eight.
+    #[inline(always)]
+    fn set_last(&mut self, number: R) {
+        self.0[Self::FIRST + 7] = number;
+    }
+
+    /// Replaces the eight.
+    #[inline(always)]
+    fn put<L: Lanes<Real = R>>(&mut self, eight: L) {
+        // SAFETY: 4 and eight more numbers are inside the window.
+        unsafe { eight.store(self.0.as_mut_ptr().add(Self::FIRST)) }
+    }
 }
 
-/// Forces gathered for one row of eight nodes.
+/// A row of eight nodes as one thread sees it.
+#[derive(Debug)]
+#[repr(C)]
+struct Row<R> {
+    u: [Window<R>; 3],
+    spring: Window<R>,
+    corner: Window<R>,
+    volume: Window<R>,
+    damper: Window<R>,
+    v: [Window<R>; 3],
+    sums: Sums<R>,
+    before: Before<R>,
+}
+
+/// Forces gathered for a row.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums<R> {
     /// On the nodes themselves.
@@ -148,6 +180,54 @@ struct Sums<R> {
     up: [Octet<R>; 3],
     /// What is to be taken from the node one back along x.
     down: [Octet<R>; 3],
+}
+
+/// What is kept of the row before this one along x.
+#[derive(Clone, Copy, Debug, Default)]
+struct Before<R> {
+    /// Forces, complete but for what the first node of this row takes from the last of that one.
+    force: [Octet<R>; 3],
+    /// Its `up` sums, of which the last belongs to this row's first node.
+    up: [Octet<R>; 3],
+    mass: Octet<R>,
+}
+
+/// Largest |1 − L / l|, J − 1 and 1 − J among a brick's springs and cells.
+#[derive(Clone, Copy, Debug)]
+struct Extremes<L> {
+    strain: L,
+    swelling: L,
+    shrinking: L,
+}
+
+/// The staged rows of one thread.
+#[derive(Debug)]
+pub struct Scratch<R> {
+    rows: [Row<R>; ROWS],
+}
+
+impl<R> Scratch<R> {
+    /// A staged row.
+    ///
+    /// # Safety
+    /// `row` is below [`ROWS`].
+    #[inline(always)]
+    unsafe fn row(&self, row: usize) -> &Row<R> {
+        debug_assert!(row < ROWS);
+        // SAFETY: as promised.
+        unsafe { self.rows.get_unchecked(row) }
+    }
+
+    /// A staged row, to be changed.
+    ///
+    /// # Safety
+    /// `row` is below [`ROWS`].
+    #[inline(always)]
+    unsafe fn row_mut(&mut self, row: usize) -> &mut Row<R> {
+        debug_assert!(row < ROWS);
+        // SAFETY: as promised.
+        unsafe { self.rows.get_unchecked_mut(row) }
+    }
 }
 
 impl<R: Real> Scratch<R> {
@@ -212,6 +292,12 @@ macro_rules! kernels {
 kernels!(f32, Avx2F32);
 kernels!(f64, Avx2F64);
 
+/// Which springs and cells of a brick are meant: all that begin in it, or those that enter the run from before its first brick or from
+/// behind its last.
+const WHOLE: u8 = 0;
+const LEFT_END: u8 = 1;
+const RIGHT_END: u8 = 2;
+
 /// Constants of a substep in registers.
 struct Constants<L> {
     h: L,
@@ -225,14 +311,14 @@ struct Constants<L> {
     zero: L,
 }
 
-/// Whether a staged row belongs to the run, not to its halo.
+/// Whether a staged row belongs to the brick, not to its halo.
 const fn owned(y: isize, z: isize) -> bool {
     y >= 1 && y <= 4 && z >= 1 && z <= 4
 }
 
-/// Index among the run's own rows of a staged row.
-const fn own(row: usize) -> usize {
-    (row / SIDE - 1) * 4 + row % SIDE - 1
+/// The staged row of a brick's row.
+const fn staged(row: usize) -> usize {
+    (row / 4 + 1) * SIDE + row % 4 + 1
 }
 
 /// One substep of a run.
@@ -246,7 +332,6 @@ unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
     next: Option<Run>,
     s: &mut Scratch<L::Real>,
 ) {
-    debug_assert!(run.bricks <= MAX_RUN);
     let h = pass.laws.h;
     let c = Constants::<L> {
         h: L::splat(h),
@@ -259,46 +344,41 @@ unsafe fn advance<L: Lanes, const VOLUME: bool, const DAMPED: bool>(
         minus_one: L::splat(-1.0),
         zero: L::splat(0.0),
     };
+    let motion = Motion::<L>::new(pass);
+    let still = || Extremes { strain: c.zero, swelling: c.zero, shrinking: c.zero };
 
-    // SAFETY: the caller's promise covers every read and write below; indices stay inside the scratch by construction.
+    // SAFETY: the caller's promise covers every read and write below.
     unsafe {
-        let last = run.bricks + 1;
-        s.holds = [0; ROW];
-        stage::<L, VOLUME, DAMPED>(pass, run, s, 0);
-        for x in 0..=last {
-            // Staging stays one column ahead of the springs, and asking for memory two columns ahead of that.
-            if x < last {
-                stage::<L, VOLUME, DAMPED>(pass, run, s, x + 1);
+        enter::<L, VOLUME, DAMPED>(pass, run.first, s);
+        let mut held = Held::new(pass, run.first);
+        let mut last = still();
+        for brick in run.first..run.end() {
+            stage::<L, VOLUME, DAMPED>(pass, brick, s);
+            fetch(pass, run, next, brick);
+            clear::<L>(s);
+            let mut extremes = still();
+            if brick == run.first {
+                if VOLUME {
+                    cells::<L, LEFT_END>(s, held, &c, &mut extremes);
+                }
+                springs::<L, LEFT_END, DAMPED>(s, held, &c, &mut extremes.strain);
+                turn_left_end::<L>(s);
             }
-            let ahead = x + 3;
-            match next {
-                _ if ahead <= run.bricks => fetch(pass, run, ahead),
-                Some(next) if ahead - run.bricks <= next.bricks => fetch(pass, next, ahead - run.bricks),
-                _ => {}
+            if VOLUME {
+                cells::<L, WHOLE>(s, held, &c, &mut extremes);
             }
-            s.sums[x & 1] = [Sums::default(); BRICK_ROWS];
-            s.extremes = [Octet::default(); 3];
-            if VOLUME && x < last {
-                cells::<L>(s, x, &c);
+            springs::<L, WHOLE, DAMPED>(s, held, &c, &mut extremes.strain);
+            if brick > run.first {
+                integrate::<L, WHOLE>(pass, brick - 1, s, &motion, &last);
             }
-            match x {
-                0 => springs::<L, LEFT_HALO, DAMPED>(s, x, &c),
-                _ if x == last => springs::<L, RIGHT_HALO, DAMPED>(s, x, &c),
-                _ => springs::<L, WHOLE, DAMPED>(s, x, &c),
-            }
-            if x >= 1 {
-                take_from_below::<L>(s, x);
-            }
-            if x >= 2 {
-                integrate::<L>(pass, run, s, x - 1);
+            keep::<L>(s);
+            last = extremes;
+            if brick + 1 < run.end() {
+                held.move_on(pass, brick + 1);
             }
         }
+        clear::<L>(s);
+        springs::<L, RIGHT_END, DAMPED>(s, held, &c, &mut last.strain);
+        integrate::<L, RIGHT_END>(pass, run.end() - 1, s, &motion, &last);
     }
-}
-
-/// Eight numbers of a staged row at octet `x`, moved by `dx` nodes.
-#[inline(always)]
-unsafe fn at<L: Lanes>(row: &[Octet<L::Real>; ROW], x: usize, dx: isize) -> L {
-    // SAFETY: the caller stays inside the row: `dx` is -1 for x > 0 alone, +1 for x < ROW - 1 alone.
-    unsafe { L::load(row.as_ptr().cast::<L::Real>().offset(8 * x as isize + dx)) }
 }

@@ -1,14 +1,10 @@
-//! The springs of a column of octets, each evaluated once for both of its ends.
+//! The springs of a brick, each evaluated once for both of its ends.
 
 use super::super::lanes::{Lanes, Octet};
+use super::stage::Held;
 use super::sums::{give, load, store};
-use super::{Constants, ROW, ROWS, SIDE, Scratch, at, own, owned};
+use super::{Constants, LEFT_END, RIGHT_END, ROWS, SIDE, Scratch, WHOLE, Window, owned};
 use crate::model::law::squared_change;
-
-/// Which springs of a column of octets exist: those of a whole column, or those that enter the run at its ends.
-pub(super) const WHOLE: u8 = 0;
-pub(super) const LEFT_HALO: u8 = 1;
-pub(super) const RIGHT_HALO: u8 = 2;
 
 /// Row B that A looks forward to: offset along y and z.
 const FORWARD: [(isize, isize); 4] = [(1, 0), (-1, 1), (0, 1), (1, 1)];
@@ -33,148 +29,139 @@ const WANTED: [[u8; 4]; ROWS] = {
     wanted
 };
 
-/// The springs of one column of octets, each evaluated once.
+/// The springs that begin in a brick or its halo, or those that enter the run at one of its ends.
 #[inline(always)]
 pub(super) unsafe fn springs<L: Lanes, const COLUMN: u8, const DAMPED: bool>(
     s: &mut Scratch<L::Real>,
-    x: usize,
+    held: Held,
     c: &Constants<L>,
+    strain: &mut L,
 ) {
-    let here = s.holds[x];
-    let around = here | if x > 0 { s.holds[x - 1] } else { 0 } | if x + 1 < ROW { s.holds[x + 1] } else { 0 };
-    // SAFETY: a whole octet.
-    let strain = &mut unsafe { L::load(s.extremes[0].0.as_ptr()) };
+    let (of_a, of_b) = match COLUMN {
+        LEFT_END => (held.before, held.here),
+        RIGHT_END => (held.after, held.here),
+        _ => (held.here, held.around()),
+    };
     // Rows of the last z plane look forward to nothing that is wanted.
-    for a in (0..ROWS - SIDE).filter(|a| here >> a & 1 != 0) {
+    for a in (0..ROWS - SIDE).filter(|a| of_a >> a & 1 != 0) {
         let mut force = [c.zero; 3];
         let own_a = owned((a % SIDE) as isize, (a / SIDE) as isize);
-
-        // SAFETY: as the caller's.
+        // SAFETY: A looks forward only to staged rows, where that is wanted.
         unsafe {
-            if own_a && COLUMN != RIGHT_HALO {
-                let k = edge_cells::<L>(&s.spring, a, x);
-                let kb = if DAMPED { edge_cells::<L>(&s.damper, a, x) } else { k };
-                let f = spring::<L, 1, 0, 0, DAMPED>(s, a, a, x, k, kb, c, strain);
+            if own_a && COLUMN != RIGHT_END && of_b >> a & 1 != 0 {
+                let shift = if COLUMN == LEFT_END { -1 } else { 0 };
+                let [b, d, e] = [s.row(a - 1), s.row(a - SIDE), s.row(a - SIDE - 1)];
+                let a_row = s.row(a);
+                let k = sum_of_four::<L>([&a_row.spring, &b.spring, &d.spring, &e.spring], shift);
+                let kb = if DAMPED {
+                    sum_of_four::<L>([&a_row.damper, &b.damper, &d.damper, &e.damper], shift)
+                } else {
+                    k
+                };
+                let f = spring::<L, COLUMN, 1, 0, 0, DAMPED>(s, a, a, k, kb, c, strain);
                 force = f.on_a(force);
-                f.give_a(&mut s.sums[x & 1][own(a)].up);
+                f.give_a(&mut s.row_mut(a).sums.up);
             }
-            // Row B, and the rows of the cells around each spring.
-            pair::<L, 1, 0, COLUMN, DAMPED>(s, a, WANTED[a][0], around, x, c, &mut force, strain);
-            pair::<L, -1, 1, COLUMN, DAMPED>(s, a, WANTED[a][1], around, x, c, &mut force, strain);
-            pair::<L, 0, 1, COLUMN, DAMPED>(s, a, WANTED[a][2], around, x, c, &mut force, strain);
-            pair::<L, 1, 1, COLUMN, DAMPED>(s, a, WANTED[a][3], around, x, c, &mut force, strain);
+            pair::<L, 1, 0, COLUMN, DAMPED>(s, a, WANTED[a][0], of_b, c, &mut force, strain);
+            pair::<L, -1, 1, COLUMN, DAMPED>(s, a, WANTED[a][1], of_b, c, &mut force, strain);
+            pair::<L, 0, 1, COLUMN, DAMPED>(s, a, WANTED[a][2], of_b, c, &mut force, strain);
+            pair::<L, 1, 1, COLUMN, DAMPED>(s, a, WANTED[a][3], of_b, c, &mut force, strain);
         }
         if own_a && COLUMN == WHOLE {
-            give::<L>(&mut s.sums[x & 1][own(a)].at, force);
+            // SAFETY: a staged row.
+            give::<L>(unsafe { &mut s.row_mut(a).sums.at }, force);
         }
     }
-    // SAFETY: a whole octet.
-    unsafe { strain.store(s.extremes[0].0.as_mut_ptr()) };
 }
 
-/// The three springs from each node of row A to row B at offset (Y, Z).
+/// The springs from each node of row A to row B at offset (Y, Z).
 #[inline(always)]
 unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const DAMPED: bool>(
     s: &mut Scratch<L::Real>,
     a: usize,
     wanted: u8,
-    around: u64,
-    x: usize,
+    of_b: u64,
     c: &Constants<L>,
     force: &mut [L; 3],
     strain: &mut L,
 ) {
     let b = a.wrapping_add_signed(Z * SIDE as isize + Y);
-    if wanted == 0 || around >> b & 1 == 0 || (COLUMN != WHOLE && wanted & 2 == 0) {
+    if wanted == 0 || of_b >> b & 1 == 0 || (COLUMN != WHOLE && wanted & 2 == 0) {
         return;
     }
+    let (on_a, on_b) = (COLUMN == WHOLE && wanted & 1 != 0, wanted & 2 != 0);
 
     // Stiffness: the cells of row `one` and, beside a face between two rows, of row `two`; at x, and at x - 1.
     let one = if Y < 0 { a - 1 } else { a };
     let two = if Z == 0 { a - SIDE } else { a.wrapping_sub(1) };
-    // SAFETY: as the caller's.
+    // SAFETY: both rows are staged.
     unsafe {
-        let own_b = if wanted & 2 != 0 { own(b) } else { 0 };
-
-        if COLUMN != RIGHT_HALO {
-            let (ahead, damped_ahead) = (
-                cells_beside::<L, Y, Z>(&s.spring, one, two, x, 0),
-                if DAMPED { cells_beside::<L, Y, Z>(&s.damper, one, two, x, 0) } else { c.h },
-            );
-            if COLUMN == WHOLE {
-                let k = ahead.add(cells_beside::<L, Y, Z>(&s.spring, one, two, x, -1));
-                let kb = if DAMPED {
-                    damped_ahead.add(cells_beside::<L, Y, Z>(&s.damper, one, two, x, -1))
-                } else {
-                    c.h
-                };
-                let f = spring::<L, 0, Y, Z, DAMPED>(s, a, b, x, k, kb, c, strain);
-                if wanted & 1 != 0 {
-                    *force = f.on_a(*force);
+        let (cells_one, cells_two) = (s.row(one), s.row(two));
+        let ahead = cells_beside::<L, Y, Z>(&cells_one.spring, &cells_two.spring, 0);
+        let behind = cells_beside::<L, Y, Z>(&cells_one.spring, &cells_two.spring, -1);
+        let (damper_ahead, damper_behind) = if DAMPED {
+            (
+                cells_beside::<L, Y, Z>(&cells_one.damper, &cells_two.damper, 0),
+                cells_beside::<L, Y, Z>(&cells_one.damper, &cells_two.damper, -1),
+            )
+        } else {
+            (c.zero, c.zero)
+        };
+        let (up_k, up_kb) = (weaken::<L, Y, Z>(ahead, c), weaken::<L, Y, Z>(damper_ahead, c));
+        let (down_k, down_kb) = (weaken::<L, Y, Z>(behind, c), weaken::<L, Y, Z>(damper_behind, c));
+        match COLUMN {
+            LEFT_END => {
+                let f = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, down_k, down_kb, c, strain);
+                f.give_a(&mut s.row_mut(b).sums.up);
+            }
+            RIGHT_END => {
+                let f = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, up_k, up_kb, c, strain);
+                f.give_a(&mut s.row_mut(b).sums.down);
+            }
+            _ => {
+                let (k, kb) = (ahead.add(behind), damper_ahead.add(damper_behind));
+                let straight = spring::<L, COLUMN, 0, Y, Z, DAMPED>(s, a, b, k, kb, c, strain);
+                if on_a {
+                    *force = straight.on_a(*force);
                 }
-                if wanted & 2 != 0 {
-                    f.give_b(&mut s.sums[x & 1][own_b].at);
+                if on_b {
+                    straight.give_b(&mut s.row_mut(b).sums.at);
                 }
-            }
-            let f = spring::<L, 1, Y, Z, DAMPED>(
-                s,
-                a,
-                b,
-                x,
-                weaken::<L, Y, Z>(ahead, c),
-                weaken::<L, Y, Z>(damped_ahead, c),
-                c,
-                strain,
-            );
-            if COLUMN == WHOLE && wanted & 1 != 0 {
-                *force = f.on_a(*force);
-            }
-            if wanted & 2 != 0 {
-                f.give_a(&mut s.sums[x & 1][own_b].up);
-            }
-        }
-        if COLUMN != LEFT_HALO {
-            let behind = weaken::<L, Y, Z>(cells_beside::<L, Y, Z>(&s.spring, one, two, x, -1), c);
-            let damped_behind = if DAMPED {
-                weaken::<L, Y, Z>(cells_beside::<L, Y, Z>(&s.damper, one, two, x, -1), c)
-            } else {
-                c.h
-            };
-            let f = spring::<L, -1, Y, Z, DAMPED>(s, a, b, x, behind, damped_behind, c, strain);
-            if COLUMN == WHOLE && wanted & 1 != 0 {
-                *force = f.on_a(*force);
-            }
-            if wanted & 2 != 0 {
-                f.give_a(&mut s.sums[x & 1][own_b].down);
+                let up = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, up_k, up_kb, c, strain);
+                if on_a {
+                    *force = up.on_a(*force);
+                }
+                if on_b {
+                    up.give_a(&mut s.row_mut(b).sums.up);
+                }
+                let down = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, down_k, down_kb, c, strain);
+                if on_a {
+                    *force = down.on_a(*force);
+                }
+                if on_b {
+                    down.give_a(&mut s.row_mut(b).sums.down);
+                }
             }
         }
     }
 }
 
-/// Sum over the four cells ahead along x of the nodes of row A.
+/// Sum of four windows, moved by `shift`.
 #[inline(always)]
-unsafe fn edge_cells<L: Lanes>(row: &[[Octet<L::Real>; ROW]; ROWS], a: usize, x: usize) -> L {
-    // SAFETY: as the caller's.
-    unsafe {
-        let near = at::<L>(&row[a], x, 0).add(at(&row[a - 1], x, 0));
-        near.add(at::<L>(&row[a - SIDE], x, 0).add(at(&row[a - SIDE - 1], x, 0)))
-    }
+fn sum_of_four<L: Lanes>(windows: [&Window<L::Real>; 4], shift: isize) -> L {
+    let [a, b, d, e] = windows;
+    a.at::<L>(shift).add(b.at(shift)).add(d.at::<L>(shift).add(e.at(shift)))
 }
 
 /// Sum over the cells at `x + dx` that lie beside a spring to row (Y, Z): one for a diagonal of rows, else two.
 #[inline(always)]
-unsafe fn cells_beside<L: Lanes, const Y: isize, const Z: isize>(
-    row: &[[Octet<L::Real>; ROW]; ROWS],
-    one: usize,
-    two: usize,
-    x: usize,
+fn cells_beside<L: Lanes, const Y: isize, const Z: isize>(
+    one: &Window<L::Real>,
+    two: &Window<L::Real>,
     dx: isize,
 ) -> L {
-    // SAFETY: as the caller's.
-    unsafe {
-        let first = at::<L>(&row[one], x, dx);
-        if Y != 0 && Z != 0 { first } else { first.add(at(&row[two], x, dx)) }
-    }
+    let first = one.at::<L>(dx);
+    if Y != 0 && Z != 0 { first } else { first.add(two.at(dx)) }
 }
 
 /// The share of a body diagonal, where the spring to row (Y, Z) is one.
@@ -183,17 +170,19 @@ fn weaken<L: Lanes, const Y: isize, const Z: isize>(k: L, c: &Constants<L>) -> L
     if Y != 0 && Z != 0 { k.mul(c.three_quarters) } else { k }
 }
 
-/// Component `comp` of row A minus that of row B, X nodes further.
+/// Row A minus the nodes of row B that lie X further.
 #[inline(always)]
-unsafe fn difference<L: Lanes, const X: isize>(
-    field: &[[[Octet<L::Real>; ROW]; ROWS]; 3],
-    comp: usize,
-    a: usize,
-    b: usize,
-    x: usize,
-) -> L {
-    // SAFETY: as the caller's.
-    unsafe { at::<L>(&field[comp][a], x, 0).sub(at(&field[comp][b], x, X)) }
+fn difference<L: Lanes, const COLUMN: u8, const X: isize>(
+    a: &[Window<L::Real>; 3],
+    b: &[Window<L::Real>; 3],
+) -> [L; 3] {
+    let shift = if COLUMN == WHOLE { 0 } else { -X };
+    let other = shift + X;
+    [
+        a[0].at::<L>(shift).sub(b[0].at(other)),
+        a[1].at::<L>(shift).sub(b[1].at(other)),
+        a[2].at::<L>(shift).sub(b[2].at(other)),
+    ]
 }
 
 /// `d` minus the rest vector's component, `r` cells.
@@ -240,26 +229,28 @@ impl<L: Lanes> Pull<L> {
     }
 }
 
-/// The springs from the nodes of row A to those of row B, one node further by X: stiffness `k`, damper `kb`.
+/// The springs from the nodes of row A to those of row B, one node further by X: stiffness `k`, damper `kb`. At a run's end they lie one node
+/// aside, so that their other end is in the brick.
 #[inline(always)]
-unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const DAMPED: bool>(
+unsafe fn spring<
+    L: Lanes,
+    const COLUMN: u8,
+    const X: isize,
+    const Y: isize,
+    const Z: isize,
+    const DAMPED: bool,
+>(
     s: &Scratch<L::Real>,
     a: usize,
     b: usize,
-    x: usize,
     k: L,
     kb: L,
     c: &Constants<L>,
     strain: &mut L,
 ) -> Pull<L> {
     // SAFETY: as the caller's.
-    let d = unsafe {
-        [
-            difference::<L, X>(&s.u, 0, a, b, x),
-            difference::<L, X>(&s.u, 1, a, b, x),
-            difference::<L, X>(&s.u, 2, a, b, x),
-        ]
-    };
+    let (row_a, row_b) = unsafe { (s.row(a), s.row(b)) };
+    let d = difference::<L, COLUMN, X>(&row_a.u, &row_b.u);
 
     // -r·d / h, for `d` is taken from B to A: a signed sum of the components along the spring.
     let rd = match (X != 0, Y != 0, Z != 0) {
@@ -285,14 +276,7 @@ unsafe fn spring<L: Lanes, const X: isize, const Y: isize, const Z: isize, const
     }
     let mut scale = k.mul(elongation);
     if DAMPED {
-        // SAFETY: as the caller's.
-        let dv = unsafe {
-            [
-                difference::<L, X>(&s.v, 0, a, b, x),
-                difference::<L, X>(&s.v, 1, a, b, x),
-                difference::<L, X>(&s.v, 2, a, b, x),
-            ]
-        };
+        let dv = difference::<L, COLUMN, X>(&row_a.v, &row_b.v);
         let rate = l[0].fma(dv[0], l[1].fma(dv[1], l[2].mul(dv[2])));
         scale = kb.mul(class.inverse_length2).fma(rate, scale);
     }

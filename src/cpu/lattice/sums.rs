@@ -1,6 +1,8 @@
 //! Sums of forces, in registers and in scratch rows.
 
 use super::super::lanes::{Lanes, Octet};
+use super::super::nodes::BRICK_ROWS;
+use super::{RIGHT_END, Row, SIDE, Scratch, staged};
 
 /// `sums -= force`.
 #[inline(always)]
@@ -38,4 +40,69 @@ pub(super) fn plus<L: Lanes>(p: [L; 3], q: [L; 3]) -> [L; 3] {
 #[inline(always)]
 pub(super) fn minus<L: Lanes>(p: [L; 3], q: [L; 3]) -> [L; 3] {
     [p[0].sub(q[0]), p[1].sub(q[1]), p[2].sub(q[2])]
+}
+
+/// `[low.7, x.0, …, x.6]` of each component.
+#[inline(always)]
+fn shift_up<L: Lanes>(x: [L; 3], low: [L; 3]) -> [L; 3] {
+    [x[0].shift_up(low[0]), x[1].shift_up(low[1]), x[2].shift_up(low[2])]
+}
+
+/// `[x.1, …, x.7, high.0]` of each component.
+#[inline(always)]
+fn shift_down<L: Lanes>(x: [L; 3], high: [L; 3]) -> [L; 3] {
+    [x[0].shift_down(high[0]), x[1].shift_down(high[1]), x[2].shift_down(high[2])]
+}
+
+/// Forgets what was gathered for the brick's rows.
+#[inline(always)]
+pub(super) fn clear<L: Lanes>(s: &mut Scratch<L::Real>) {
+    let zero = [L::splat(0.0); 3];
+    for row in 0..BRICK_ROWS {
+        let sums = &mut s.rows[staged(row)].sums;
+        store(&mut sums.at, zero);
+        store(&mut sums.up, zero);
+        store(&mut sums.down, zero);
+    }
+}
+
+/// Makes of the `up` sums from a run's left end, which belong to its first node, those of the row before.
+#[inline(always)]
+pub(super) fn turn_left_end<L: Lanes>(s: &mut Scratch<L::Real>) {
+    let zero = [L::splat(0.0); 3];
+    for row in 0..BRICK_ROWS {
+        let Row { sums, before, .. } = &mut s.rows[staged(row)];
+        store(&mut before.up, shift_down(zero, load(&sums.up)));
+        store(&mut sums.up, zero);
+    }
+}
+
+/// The forces on a row of the brick before, completed by what this brick's nodes take from its last ones; at the run's right end, by what the
+/// nodes behind it take.
+#[inline(always)]
+pub(super) fn complete<L: Lanes, const COLUMN: u8>(row: &Row<L::Real>) -> [L; 3] {
+    let zero = [L::splat(0.0); 3];
+    let down = load(&row.sums.down);
+    let taken = if COLUMN == RIGHT_END { shift_up(zero, down) } else { down };
+    minus(load(&row.before.force), shift_down(zero, taken))
+}
+
+/// Keeps the forces and masses of the brick's rows for when the next brick is known.
+#[inline(always)]
+pub(super) fn keep<L: Lanes>(s: &mut Scratch<L::Real>) {
+    let zero = [L::splat(0.0); 3];
+    for at in (0..BRICK_ROWS).map(staged) {
+        let mut mass = L::splat(0.0);
+        for row in [at, at - 1, at - SIDE, at - SIDE - 1] {
+            let corner = &s.rows[row].corner;
+            mass = mass.add(corner.at::<L>(0).add(corner.at(-1)));
+        }
+        let Row { sums, before, .. } = &mut s.rows[at];
+        let up = load(&sums.up);
+        let force = minus(load(&sums.at), shift_up(up, load(&before.up)));
+        store(&mut before.force, minus(force, shift_down(load(&sums.down), zero)));
+        store(&mut before.up, up);
+        // SAFETY: a whole octet.
+        unsafe { mass.store(before.mass.0.as_mut_ptr()) };
+    }
 }

@@ -24,16 +24,13 @@ fn cell_j(law: &CellLaw, h: f64, classes: &[SpringClass<f64>; 3], u: &[Vec3; 8])
         for b in a + 1..8 {
             // Corners differ in one, two or three bits: an edge, a face diagonal or a body diagonal.
             let diagonal = (a ^ b).count_ones();
-            let share = if diagonal == 3 { 0.75 } else { 1.0 };
             let d = u[b] - u[a];
             let along = |axis: usize| f64::from((b >> axis & 1) as i32 - (a >> axis & 1) as i32);
             let rd = along(0) * d.x + along(1) * d.y + along(2) * d.z;
 
             let class = &classes[diagonal as usize - 1];
             let e = squared_change([d.x, d.y, d.z], rd, 2.0 * h);
-            let stretched = (class.length2 + e).sqrt();
-            let change = e / (stretched + class.length);
-            springs += 0.5 * law.spring_n_m * share * change * change;
+            springs += 0.5 * law.spring_n_m * class.squared_stretch(e);
         }
     }
 

@@ -38,32 +38,44 @@ impl CellLaw {
 }
 
 /// A spring's direction class: along an edge, a face diagonal or a body diagonal of a cell.
+///
+/// Body diagonals have a share of w = ¾ of a cell's stiffness, all others w = 1.
 #[derive(Clone, Copy, Debug)]
 pub struct SpringClass<N> {
-    /// Rest length L in m.
-    pub length: N,
-    /// L².
-    pub length2: N,
-    /// 1 / L².
-    pub inverse_length2: N,
+    /// L² / w in m², for the rest length L.
+    length2: N,
+    /// L / √w in m.
+    length: N,
+    /// 1 / w.
+    inverse_share: N,
+    /// w / L², by which a damper's rate l · dv becomes relative.
+    pub damping: N,
 }
 
 impl<N: Num> SpringClass<N> {
     /// The class with `diagonal` = 1, 2 or 3 non-zero grid components, for edge length `h`.
     pub fn new(diagonal: u32, h: f64) -> Self {
         let length2 = f64::from(diagonal) * h * h;
+        let share = if diagonal == 3 { 0.75 } else { 1.0 };
         Self {
-            length: N::splat(length2.sqrt()),
-            length2: N::splat(length2),
-            inverse_length2: N::splat(1.0 / length2),
+            length2: N::splat(length2 / share),
+            length: N::splat((length2 / share).sqrt()),
+            inverse_share: N::splat(1.0 / share),
+            damping: N::splat(share / length2),
         }
     }
 
-    /// (1 − L/|l|) from `e` = |l|² − L², without cancellation: e / (|l|² + L |l|).
+    /// w (1 − L/|l|) from `e` = |l|² − L², without cancellation: with q = |l|² / w it is e / (q + L √(q / w)).
     #[inline(always)]
     pub fn elongation(&self, e: N) -> N {
-        let q = self.length2.add(e);
+        let q = e.fma(self.inverse_share, self.length2);
         e.div(self.length.fma(q.sqrt(), q))
+    }
+
+    /// w (|l| − L)² from `e` = |l|² − L², without cancellation.
+    pub fn squared_stretch(&self, e: N) -> N {
+        let stretch = e.div(e.fma(self.inverse_share, self.length2).sqrt().add(self.length));
+        stretch.mul(stretch)
     }
 }
 

@@ -9,7 +9,12 @@ use crate::model::law::squared_change;
 /// Row B that A looks forward to: offset along y and z.
 const FORWARD: [(isize, isize); 4] = [(1, 0), (-1, 1), (0, 1), (1, 1)];
 
-/// For each staged row A and each of [`FORWARD`]: whether A's force is wanted (1) and whether B's is (2).
+/// Whose forces are wanted of the springs between rows A and B.
+const ON_A: u8 = 1;
+const ON_B: u8 = 2;
+const ON_BOTH: u8 = 3;
+
+/// For each staged row A and each of [`FORWARD`]: whose forces are wanted.
 const WANTED: [[u8; 4]; ROWS] = {
     let mut wanted = [[0; 4]; ROWS];
     let side = SIDE as isize;
@@ -20,7 +25,7 @@ const WANTED: [[u8; 4]; ROWS] = {
         while f < 4 {
             let (by, bz) = (y + FORWARD[f].0, z + FORWARD[f].1);
             if by >= 0 && by < side && bz < side {
-                wanted[a][f] = owned(y, z) as u8 | (owned(by, bz) as u8) << 1;
+                wanted[a][f] = owned(y, z) as u8 * ON_A | owned(by, bz) as u8 * ON_B;
             }
             f += 1;
         }
@@ -62,10 +67,10 @@ pub(super) unsafe fn springs<L: Lanes, const COLUMN: u8, const DAMPED: bool>(
                 force = f.on_a(force);
                 f.give_a(&mut s.row_mut(a).sums.up);
             }
-            pair::<L, 1, 0, COLUMN, DAMPED>(s, a, WANTED[a][0], of_b, c, &mut force, strain);
-            pair::<L, -1, 1, COLUMN, DAMPED>(s, a, WANTED[a][1], of_b, c, &mut force, strain);
-            pair::<L, 0, 1, COLUMN, DAMPED>(s, a, WANTED[a][2], of_b, c, &mut force, strain);
-            pair::<L, 1, 1, COLUMN, DAMPED>(s, a, WANTED[a][3], of_b, c, &mut force, strain);
+            pairs::<L, 1, 0, COLUMN, DAMPED>(s, a, WANTED[a][0], of_b, c, &mut force, strain);
+            pairs::<L, -1, 1, COLUMN, DAMPED>(s, a, WANTED[a][1], of_b, c, &mut force, strain);
+            pairs::<L, 0, 1, COLUMN, DAMPED>(s, a, WANTED[a][2], of_b, c, &mut force, strain);
+            pairs::<L, 1, 1, COLUMN, DAMPED>(s, a, WANTED[a][3], of_b, c, &mut force, strain);
         }
         if own_a && COLUMN == WHOLE {
             // SAFETY: a staged row.
@@ -74,9 +79,9 @@ pub(super) unsafe fn springs<L: Lanes, const COLUMN: u8, const DAMPED: bool>(
     }
 }
 
-/// The springs from each node of row A to row B at offset (Y, Z).
+/// The springs from each node of row A to row B at offset (Y, Z), where they exist and a force of theirs is wanted.
 #[inline(always)]
-unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const DAMPED: bool>(
+unsafe fn pairs<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const DAMPED: bool>(
     s: &mut Scratch<L::Real>,
     a: usize,
     wanted: u8,
@@ -86,11 +91,35 @@ unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const
     strain: &mut L,
 ) {
     let b = a.wrapping_add_signed(Z * SIDE as isize + Y);
-    if wanted == 0 || of_b >> b & 1 == 0 || (COLUMN != WHOLE && wanted & 2 == 0) {
-        return;
+    // SAFETY: as the caller's; what is not wanted may not be staged.
+    unsafe {
+        match wanted {
+            _ if wanted == 0 || of_b >> b & 1 == 0 => {}
+            ON_A if COLUMN != WHOLE => {}
+            ON_A => pair::<L, Y, Z, COLUMN, ON_A, DAMPED>(s, a, b, c, force, strain),
+            ON_B => pair::<L, Y, Z, COLUMN, ON_B, DAMPED>(s, a, b, c, force, strain),
+            _ => pair::<L, Y, Z, COLUMN, ON_BOTH, DAMPED>(s, a, b, c, force, strain),
+        }
     }
-    let (on_a, on_b) = (COLUMN == WHOLE && wanted & 1 != 0, wanted & 2 != 0);
+}
 
+/// The springs from each node of row A to row B at offset (Y, Z), and the forces on ON.
+#[inline(always)]
+unsafe fn pair<
+    L: Lanes,
+    const Y: isize,
+    const Z: isize,
+    const COLUMN: u8,
+    const ON: u8,
+    const DAMPED: bool,
+>(
+    s: &mut Scratch<L::Real>,
+    a: usize,
+    b: usize,
+    c: &Constants<L>,
+    force: &mut [L; 3],
+    strain: &mut L,
+) {
     // Stiffness: the cells of row `one` and, beside a face between two rows, of row `two`; at x, and at x - 1.
     let one = if Y < 0 { a - 1 } else { a };
     let two = if Z == 0 { a - SIDE } else { a.wrapping_sub(1) };
@@ -107,38 +136,36 @@ unsafe fn pair<L: Lanes, const Y: isize, const Z: isize, const COLUMN: u8, const
         } else {
             (c.zero, c.zero)
         };
-        let (up_k, up_kb) = (weaken::<L, Y, Z>(ahead, c), weaken::<L, Y, Z>(damper_ahead, c));
-        let (down_k, down_kb) = (weaken::<L, Y, Z>(behind, c), weaken::<L, Y, Z>(damper_behind, c));
         match COLUMN {
             LEFT_END => {
-                let f = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, down_k, down_kb, c, strain);
-                f.give_a(&mut s.row_mut(b).sums.up);
+                let up = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, behind, damper_behind, c, strain);
+                up.give_a(&mut s.row_mut(b).sums.up);
             }
             RIGHT_END => {
-                let f = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, up_k, up_kb, c, strain);
-                f.give_a(&mut s.row_mut(b).sums.down);
+                let down = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, ahead, damper_ahead, c, strain);
+                down.give_a(&mut s.row_mut(b).sums.down);
             }
             _ => {
                 let (k, kb) = (ahead.add(behind), damper_ahead.add(damper_behind));
                 let straight = spring::<L, COLUMN, 0, Y, Z, DAMPED>(s, a, b, k, kb, c, strain);
-                if on_a {
+                if ON & ON_A != 0 {
                     *force = straight.on_a(*force);
                 }
-                if on_b {
+                if ON & ON_B != 0 {
                     straight.give_b(&mut s.row_mut(b).sums.at);
                 }
-                let up = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, up_k, up_kb, c, strain);
-                if on_a {
+                let up = spring::<L, COLUMN, 1, Y, Z, DAMPED>(s, a, b, ahead, damper_ahead, c, strain);
+                if ON & ON_A != 0 {
                     *force = up.on_a(*force);
                 }
-                if on_b {
+                if ON & ON_B != 0 {
                     up.give_a(&mut s.row_mut(b).sums.up);
                 }
-                let down = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, down_k, down_kb, c, strain);
-                if on_a {
+                let down = spring::<L, COLUMN, -1, Y, Z, DAMPED>(s, a, b, behind, damper_behind, c, strain);
+                if ON & ON_A != 0 {
                     *force = down.on_a(*force);
                 }
-                if on_b {
+                if ON & ON_B != 0 {
                     down.give_a(&mut s.row_mut(b).sums.down);
                 }
             }
@@ -162,12 +189,6 @@ fn cells_beside<L: Lanes, const Y: isize, const Z: isize>(
 ) -> L {
     let first = one.at::<L>(dx);
     if Y != 0 && Z != 0 { first } else { first.add(two.at(dx)) }
-}
-
-/// The share of a body diagonal, where the spring to row (Y, Z) is one.
-#[inline(always)]
-fn weaken<L: Lanes, const Y: isize, const Z: isize>(k: L, c: &Constants<L>) -> L {
-    if Y != 0 && Z != 0 { k.mul(c.three_quarters) } else { k }
 }
 
 /// Row A minus the nodes of row B that lie X further.
@@ -278,7 +299,7 @@ unsafe fn spring<
     if DAMPED {
         let dv = difference::<L, COLUMN, X>(&row_a.v, &row_b.v);
         let rate = l[0].fma(dv[0], l[1].fma(dv[1], l[2].mul(dv[2])));
-        scale = kb.mul(class.inverse_length2).fma(rate, scale);
+        scale = kb.mul(class.damping).fma(rate, scale);
     }
     Pull { size: scale, way: l }
 }

@@ -122,7 +122,11 @@ unsafe fn pair<
 ) {
     // Stiffness: the cells of row `one` and, beside a face between two rows, of row `two`; at x, and at x - 1.
     let one = if Y < 0 { a - 1 } else { a };
-    let two = if Z == 0 { a - SIDE } else { a.wrapping_sub(1) };
+    let two = match (Y, Z) {
+        (_, 0) => a - SIDE,
+        (0, _) => a - 1,
+        _ => one,
+    };
     // SAFETY: both rows are staged.
     unsafe {
         let (cells_one, cells_two) = (s.row(one), s.row(two));

@@ -1,12 +1,16 @@
-//! Gives the shared library its name for the dynamic linker; cargo gives it none.
+//! Gives the shared library its name for the dynamic linker, for cargo gives it none, and finds the GPU's kernels.
 //!
 //! Without a SONAME, programs record the path of the library that they were linked against and miss a change
 //! of the ABI.
+
+#[path = "kernels/build.rs"]
+mod kernels;
 
 use std::env;
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
+    kernels::provide();
     println!("cargo:rerun-if-changed=src/capi/version.rs");
     let abi = abi_version();
     match env::var("CARGO_CFG_TARGET_OS").as_deref() {

@@ -41,6 +41,14 @@ pub enum Error {
     #[error("{0}")]
     Limit(String),
 
+    /// No GPU that can be used, or no driver for it.
+    #[error("no GPU: {0}")]
+    NoDevice(String),
+
+    /// The GPU or its driver failed; the simulation on it is lost.
+    #[error("the GPU failed: {0}")]
+    Device(String),
+
     /// The progress callback asked to stop.
     #[error("cancelled by the host")]
     Cancelled,

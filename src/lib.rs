@@ -41,6 +41,7 @@
 pub mod capi;
 pub mod channel;
 pub mod cpu;
+pub mod cuda;
 pub mod error;
 pub mod log;
 pub mod math;

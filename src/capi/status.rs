@@ -47,6 +47,11 @@ pub const PLP_ERR_CANCELLED: plp_status = -204;
 /// The simulation's state stopped being finite; it is frozen at its last good state. Reset it, or destroy it.
 pub const PLP_ERR_DIVERGED: plp_status = -301;
 
+/// No GPU that can be used, or no driver for it. The message says why.
+pub const PLP_ERR_NO_DEVICE: plp_status = -401;
+/// The GPU or its driver failed. The simulation is lost and can only be destroyed; a new one may run on the processor.
+pub const PLP_ERR_DEVICE: plp_status = -402;
+
 /// A defect of the library, contained. The message says where; please report it.
 pub const PLP_ERR_PANIC: plp_status = -901;
 /// An earlier call on this simulation answered PLP_ERR_PANIC; it can only be destroyed.
@@ -70,6 +75,8 @@ const NAMES: &[(plp_status, &std::ffi::CStr)] = &[
     (PLP_ERR_LIMIT, c"PLP_ERR_LIMIT"),
     (PLP_ERR_CANCELLED, c"PLP_ERR_CANCELLED"),
     (PLP_ERR_DIVERGED, c"PLP_ERR_DIVERGED"),
+    (PLP_ERR_NO_DEVICE, c"PLP_ERR_NO_DEVICE"),
+    (PLP_ERR_DEVICE, c"PLP_ERR_DEVICE"),
     (PLP_ERR_PANIC, c"PLP_ERR_PANIC"),
     (PLP_ERR_POISONED, c"PLP_ERR_POISONED"),
 ];
@@ -84,6 +91,8 @@ fn code_of(error: &Error) -> plp_status {
         Error::Limit(_) => PLP_ERR_LIMIT,
         Error::Cancelled => PLP_ERR_CANCELLED,
         Error::Diverged { .. } => PLP_ERR_DIVERGED,
+        Error::NoDevice(_) => PLP_ERR_NO_DEVICE,
+        Error::Device(_) => PLP_ERR_DEVICE,
     }
 }
 

@@ -118,17 +118,7 @@ impl Bricks {
     /// Neighbours and row masks of a model's bricks.
     pub fn new(model: Arc<Model>) -> Self {
         let lattice = model.lattice();
-        let count = lattice.bricks().len() as u32;
-        let neighbours = lattice
-            .bricks()
-            .iter()
-            .map(|brick| {
-                std::array::from_fn(|n| {
-                    let offset = [n % 3, n / 3 % 3, n / 9].map(|c| c as i64 - 1);
-                    lattice.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + offset[a])).min(count)
-                })
-            })
-            .collect();
+        let neighbours = lattice.surroundings().collect();
         let rows = lattice
             .words()
             .chunks_exact(BRICK_SLOTS)

@@ -118,7 +118,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         self.core.stable_dt
     }
 
-    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> StepReport {
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
         self.core.begin(plan);
         let mut report = StepReport::default();
         let (core, scratches) = (Shared(&raw mut self.core), Shared(self.scratches.as_mut_ptr()));
@@ -151,7 +151,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             }
         });
         self.core.measure(&mut report);
-        report
+        Ok(report)
     }
 
     fn contacts(&self, tool: usize) -> Vec<Contact> {

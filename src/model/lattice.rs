@@ -102,6 +102,17 @@ impl Lattice {
         &self.bricks
     }
 
+    /// The 27 bricks around each brick, x fastest, itself at 13; the number of bricks where there is none.
+    pub fn surroundings(&self) -> impl Iterator<Item = [u32; 27]> + '_ {
+        self.bricks.iter().map(|brick| {
+            std::array::from_fn(|n| {
+                let offset = [n % 3, n / 3 % 3, n / 9].map(|c| c as i64 - 1);
+                let near = self.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + offset[a]));
+                near.min(self.bricks.len() as u32)
+            })
+        })
+    }
+
     /// The brick at brick coordinates, or [`NO_BRICK`].
     pub fn brick_at(&self, brick: [i64; 3]) -> u32 {
         let dims = self.table_dims();

@@ -35,9 +35,24 @@ pub enum Precision {
     Double,
 }
 
+/// Where a simulation runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Backend {
+    /// On the processor.
+    #[default]
+    Cpu,
+    /// On a GPU, in single precision.
+    Cuda {
+        /// Which one; `None` takes the first that the kernels run on.
+        index: Option<u32>,
+    },
+}
+
 /// How a simulation runs.
 #[derive(Clone, Debug)]
 pub struct SimDesc {
+    /// Where it runs.
+    pub backend: Backend,
     /// Arithmetic of a step.
     pub precision: Precision,
     /// Threads that compute, the caller of [`Sim::step`] included; 0 takes one for each core.
@@ -59,6 +74,7 @@ pub struct SimDesc {
 impl Default for SimDesc {
     fn default() -> Self {
         Self {
+            backend: Backend::Cpu,
             precision: Precision::Single,
             threads: 0,
             step_s: 1e-3,

@@ -5,9 +5,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::tool_port::{self, ToolEnd, ToolPort};
-use super::{LoadId, MAX_SUBSTEPS, MAX_THREADS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
+use super::{Backend, LoadId, MAX_SUBSTEPS, MAX_THREADS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
 use crate::cpu::solver::CpuSolver;
 use crate::cpu::stability::strain_factor;
+use crate::cuda::device::Device;
+use crate::cuda::solver::CudaSolver;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
@@ -55,9 +57,15 @@ impl State {
     pub fn new(model: Arc<Model>, desc: SimDesc) -> Result<Self> {
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
-        let solver: Box<dyn Solver> = match desc.precision {
-            Precision::Single => Box::new(CpuSolver::<f32>::new(&model, threads)?),
-            Precision::Double => Box::new(CpuSolver::<f64>::new(&model, threads)?),
+        let solver: Box<dyn Solver> = match (desc.backend, desc.precision) {
+            (Backend::Cpu, Precision::Single) => Box::new(CpuSolver::<f32>::new(&model, threads)?),
+            (Backend::Cpu, Precision::Double) => Box::new(CpuSolver::<f64>::new(&model, threads)?),
+            (Backend::Cuda { index }, Precision::Single) => {
+                Box::new(CudaSolver::new(&model, Device::open(index)?)?)
+            }
+            (Backend::Cuda { .. }, Precision::Double) => {
+                return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
+            }
         };
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
@@ -127,7 +135,7 @@ impl State {
         let started = Instant::now();
         let (substeps, dt) = self.note_substeps();
         self.take_motions();
-        self.advance(substeps, dt, None);
+        self.advance(substeps, dt, None)?;
 
         self.statistics.steps += 1;
         self.statistics.time_s += dt * f64::from(self.report.substeps);
@@ -165,7 +173,7 @@ impl State {
 
     /// Some substeps of settling; tools stay where the first ones took them.
     fn settle_for(&mut self, substeps: u32, dt: f64, kinetic_damping: bool) -> Result<()> {
-        self.advance(substeps, dt, Some(kinetic_damping));
+        self.advance(substeps, dt, Some(kinetic_damping))?;
         if self.report.has_diverged {
             return Err(self.note_divergence());
         }
@@ -333,7 +341,7 @@ impl State {
     }
 
     /// `settling` says whether velocities are cleared on the way, and that neither drag nor sleep shall disturb; `None` is a step.
-    fn advance(&mut self, substeps: u32, dt: f64, settling: Option<bool>) {
+    fn advance(&mut self, substeps: u32, dt: f64, settling: Option<bool>) -> Result<()> {
         let frame = self.model.frame();
         let to_model = |motion: &Pose| frame.inverse() * motion * frame;
         self.moved_regions.clear();
@@ -356,7 +364,7 @@ impl State {
         };
         self.sums.clear();
         self.sums.resize(self.steps.len(), ToolSum::default());
-        self.report = self.solver.advance(&plan, &mut self.sums);
+        self.report = self.solver.advance(&plan, &mut self.sums)?;
         for region in self.regions.values_mut() {
             region.0 = region.1;
         }
@@ -369,6 +377,7 @@ impl State {
         statistics.contact_points = report.contact_points;
         statistics.dropped_points = report.dropped_points;
         self.tool_work_j += self.sums.iter().map(|sum| sum.work_j).sum::<f64>();
+        Ok(())
     }
 
     /// Gives each tool the mean wrench of the step. World frame.

@@ -6,6 +6,7 @@ pub mod tool;
 
 use std::sync::Arc;
 
+use crate::error::Result;
 use crate::math::{Pose, Vec3};
 use load::NodalLoads;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
@@ -109,8 +110,8 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Largest stable substep at rest in s, damping included.
     fn stable_dt(&self) -> f64;
 
-    /// Takes a step. `sums` has one entry for each tool of the plan and is added to.
-    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> StepReport;
+    /// Takes a step. `sums` has one entry for each tool of the plan and is added to. Fails when the device is lost.
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport>;
 
     /// Contacts of the tool with index `tool` in the last plan, model frame.
     fn contacts(&self, tool: usize) -> Vec<Contact>;

@@ -1,0 +1,122 @@
+//! The kernels: found in this library, loaded into a device's context.
+
+use std::ffi::{CStr, c_void};
+use std::sync::Arc;
+
+use cudarc::driver::sys::{CUfunction, CUmodule, CUstream};
+
+use super::device::Device;
+use crate::error::Result;
+
+/// Machine code for common GPUs and PTX for the rest, one image for each source file of `kernels/`.
+const LATTICE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/lattice.fatbin"));
+const REPORT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/report.fatbin"));
+
+/// A module's functions live as long as it does.
+#[derive(Debug)]
+struct Module {
+    device: Arc<Device>,
+    handle: CUmodule,
+}
+
+impl Module {
+    fn load(device: &Arc<Device>, image: &[u8]) -> Result<Self> {
+        let mut handle = std::ptr::null_mut();
+        let _entered = device.enter()?;
+        // The driver reads 64-bit words.
+        let mut aligned = vec![0_u64; image.len().div_ceil(8)];
+        // SAFETY: both are at least as long as the image, and apart.
+        unsafe { std::ptr::copy_nonoverlapping(image.as_ptr(), aligned.as_mut_ptr().cast(), image.len()) };
+        // SAFETY: a whole fat binary; the driver copies what it needs.
+        let status = unsafe { (device.driver.module_load_data)(&mut handle, aligned.as_ptr().cast()) };
+        device.driver.check(status, &format!("loading the kernels on {}", device.name()))?;
+        Ok(Self { device: device.clone(), handle })
+    }
+
+    fn function(&self, name: &CStr) -> Result<Kernel> {
+        let mut handle = std::ptr::null_mut();
+        let _entered = self.device.enter()?;
+        // SAFETY: `handle` is written; the name ends.
+        let status =
+            unsafe { (self.device.driver.module_get_function)(&mut handle, self.handle, name.as_ptr()) };
+        self.device.driver.check(status, &format!("finding the kernel {}", name.to_string_lossy()))?;
+        Ok(Kernel(handle))
+    }
+}
+
+impl Drop for Module {
+    fn drop(&mut self) {
+        if let Ok(_entered) = self.device.enter() {
+            // SAFETY: an own module; its owner waits for its work first.
+            unsafe { (self.device.driver.module_unload)(self.handle) };
+        }
+    }
+}
+
+/// One kernel.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel(CUfunction);
+
+/// All kernels of a simulation.
+#[derive(Debug)]
+pub struct Kernels {
+    /// One substep.
+    pub substep: Kernel,
+    /// What the host is told of a step.
+    pub report: Kernel,
+    _modules: [Module; 2],
+}
+
+// SAFETY: functions and modules may be used from any thread that has entered the context.
+unsafe impl Send for Kernels {}
+
+impl Kernels {
+    /// Loads the kernels for a model with or without volume terms and damped springs.
+    pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
+        let (lattice, report) = (Module::load(device, LATTICE)?, Module::load(device, REPORT)?);
+        let substep = match (volumetric, damped) {
+            (false, false) => c"lattice_plain",
+            (true, false) => c"lattice_volume",
+            (false, true) => c"lattice_damped",
+            (true, true) => c"lattice_volume_damped",
+        };
+        Ok(Self {
+            substep: lattice.function(substep)?,
+            report: report.function(c"report")?,
+            _modules: [lattice, report],
+        })
+    }
+}
+
+impl Kernel {
+    /// Asks a stream, whose context is current, to run the kernel.
+    ///
+    /// # Safety
+    /// `arguments` point to values of the types that the kernel declares, and what those point to on the device outlives the work.
+    pub unsafe fn launch(
+        self,
+        device: &Device,
+        stream: CUstream,
+        blocks: u32,
+        threads: u32,
+        arguments: &mut [*mut c_void],
+    ) -> Result<()> {
+        // SAFETY: as promised.
+        let status = unsafe {
+            (device.driver.launch_kernel)(
+                self.0,
+                blocks,
+                1,
+                1,
+                threads,
+                1,
+                1,
+                0,
+                stream,
+                arguments.as_mut_ptr(),
+                std::ptr::null_mut(),
+            )
+        };
+        device.driver.check(status, "starting a kernel")
+    }
+}

@@ -1,0 +1,230 @@
+//! Memory on the device, and records of the host's that the device sees.
+
+use std::ffi::c_void;
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use cudarc::driver::sys::{CUdeviceptr, CUstream};
+
+use super::device::Device;
+use crate::error::Result;
+
+/// Numbers and structures without pointers or padding that matters: any bytes are a value.
+///
+/// # Safety
+/// The type is `repr(C)` or a primitive, holds numbers alone and is valid for all bit patterns.
+pub unsafe trait Plain: Copy {}
+// SAFETY: primitives and arrays of them.
+unsafe impl Plain for u8 {}
+// SAFETY: see above.
+unsafe impl Plain for u32 {}
+// SAFETY: see above.
+unsafe impl Plain for f32 {}
+// SAFETY: see above.
+unsafe impl<T: Plain, const N: usize> Plain for [T; N] {}
+// SAFETY: `repr(C)` numbers.
+unsafe impl Plain for super::layout::Law {}
+
+/// A stream of work on a device: what is asked of it happens in order.
+#[derive(Debug)]
+pub struct Stream {
+    pub device: Arc<Device>,
+    pub handle: CUstream,
+}
+
+// SAFETY: streams may be used from any thread that has entered the context.
+unsafe impl Send for Stream {}
+// SAFETY: see above.
+unsafe impl Sync for Stream {}
+
+impl Stream {
+    /// A stream that does not wait for the host's own default stream.
+    pub fn new(device: Arc<Device>) -> Result<Self> {
+        /// CU_STREAM_NON_BLOCKING.
+        const NON_BLOCKING: u32 = 1;
+        let mut handle = std::ptr::null_mut();
+        {
+            let _entered = device.enter()?;
+            // SAFETY: `handle` is written.
+            let status = unsafe { (device.driver.stream_create)(&mut handle, NON_BLOCKING) };
+            device.driver.check(status, "a stream on the GPU")?;
+        }
+        Ok(Self { device, handle })
+    }
+
+    /// Waits until all is done.
+    pub fn wait(&self) -> Result<()> {
+        let _entered = self.device.enter()?;
+        // SAFETY: an own stream.
+        let status = unsafe { (self.device.driver.stream_synchronize)(self.handle) };
+        self.device.driver.check(status, "waiting for the GPU")
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        if let Ok(_entered) = self.device.enter() {
+            // SAFETY: an own stream, used no more; pending work is finished first by the driver.
+            unsafe { (self.device.driver.stream_destroy)(self.handle) };
+        }
+    }
+}
+
+/// `count` values of `T` on the device.
+#[derive(Debug)]
+pub struct Buffer<T> {
+    stream: Arc<Stream>,
+    at: CUdeviceptr,
+    count: usize,
+    of: PhantomData<T>,
+}
+
+impl<T: Plain> Buffer<T> {
+    /// Zeroed memory; its size in bytes must be a multiple of four.
+    pub fn zeros(stream: &Arc<Stream>, count: usize) -> Result<Self> {
+        let device = &stream.device;
+        let bytes = count.max(1) * size_of::<T>();
+        let mut at = 0;
+        let _entered = device.enter()?;
+        // SAFETY: `at` is written.
+        let status = unsafe { (device.driver.mem_alloc)(&mut at, bytes.next_multiple_of(4)) };
+        device.driver.check(status, &format!("{bytes} bytes on the GPU"))?;
+        let buffer = Self { stream: stream.clone(), at, count, of: PhantomData };
+        buffer.clear()?;
+        Ok(buffer)
+    }
+
+    /// A copy of the host's values.
+    pub fn of(stream: &Arc<Stream>, values: &[T]) -> Result<Self> {
+        let buffer = Self::zeros(stream, values.len())?;
+        buffer.write(0, values)?;
+        Ok(buffer)
+    }
+
+    /// Address on the device.
+    pub fn at(&self) -> CUdeviceptr {
+        self.at
+    }
+
+    /// Bytes on the device.
+    pub fn bytes(&self) -> u64 {
+        (self.count * size_of::<T>()) as u64
+    }
+
+    /// Makes all bytes zero, in the stream's order.
+    pub fn clear(&self) -> Result<()> {
+        self.fill(0)
+    }
+
+    /// Fills with a 32-bit word, in the stream's order.
+    pub fn fill(&self, word: u32) -> Result<()> {
+        let device = &self.stream.device;
+        let words = (self.count.max(1) * size_of::<T>()).div_ceil(4);
+        let _entered = device.enter()?;
+        // SAFETY: own memory, rounded up to whole words.
+        let status = unsafe { (device.driver.memset_words)(self.at, word, words, self.stream.handle) };
+        device.driver.check(status, "clearing memory of the GPU")
+    }
+
+    /// Writes values from `first` on, and returns when the host's copy is no longer needed.
+    pub fn write(&self, first: usize, values: &[T]) -> Result<()> {
+        assert!(first + values.len() <= self.count, "a write stays inside its buffer");
+        let device = &self.stream.device;
+        {
+            let _entered = device.enter()?;
+            let at = self.at + (first * size_of::<T>()) as u64;
+            // SAFETY: inside the buffer as asserted; the host's values live until the wait below.
+            let status = unsafe {
+                (device.driver.memcpy_to_device)(
+                    at,
+                    values.as_ptr().cast(),
+                    size_of_val(values),
+                    self.stream.handle,
+                )
+            };
+            device.driver.check(status, "writing to the GPU")?;
+        }
+        self.stream.wait()
+    }
+
+    /// Reads values from `first` on.
+    pub fn read(&self, first: usize, values: &mut [T]) -> Result<()> {
+        assert!(first + values.len() <= self.count, "a read stays inside its buffer");
+        let device = &self.stream.device;
+        {
+            let _entered = device.enter()?;
+            let at = self.at + (first * size_of::<T>()) as u64;
+            // SAFETY: inside the buffer as asserted; any bytes are a value of a plain type.
+            let status = unsafe {
+                (device.driver.memcpy_to_host)(
+                    values.as_mut_ptr().cast(),
+                    at,
+                    size_of_val(values),
+                    self.stream.handle,
+                )
+            };
+            device.driver.check(status, "reading from the GPU")?;
+        }
+        self.stream.wait()
+    }
+}
+
+impl<T> Drop for Buffer<T> {
+    fn drop(&mut self) {
+        if let Ok(_entered) = self.stream.device.enter() {
+            // SAFETY: own memory; the driver waits for work that uses it.
+            unsafe { (self.stream.device.driver.mem_free)(self.at) };
+        }
+    }
+}
+
+/// A record in the host's memory that stays in place and that the device sees.
+#[derive(Debug)]
+pub struct Pinned<T> {
+    stream: Arc<Stream>,
+    host: *mut T,
+    device_at: CUdeviceptr,
+}
+
+// SAFETY: plain memory; who may touch it when is the owner's business, as with a Box.
+unsafe impl<T: Send> Send for Pinned<T> {}
+
+impl<T: Copy + Default> Pinned<T> {
+    /// A default value.
+    pub fn new(stream: &Arc<Stream>) -> Result<Self> {
+        /// CU_MEMHOSTALLOC_PORTABLE | CU_MEMHOSTALLOC_DEVICEMAP.
+        const PORTABLE_AND_MAPPED: u32 = 3;
+        let device = &stream.device;
+        let mut host: *mut c_void = std::ptr::null_mut();
+        let mut device_at = 0;
+        let _entered = device.enter()?;
+        // SAFETY: both pointers are written; the memory is as large as the record.
+        unsafe {
+            let status = (device.driver.mem_host_alloc)(&mut host, size_of::<T>(), PORTABLE_AND_MAPPED);
+            device.driver.check(status, "memory that the GPU sees")?;
+            host.cast::<T>().write(T::default());
+            let status = (device.driver.mem_host_get_device_pointer)(&mut device_at, host, 0);
+            device.driver.check(status, "memory that the GPU sees")?;
+        }
+        Ok(Self { stream: stream.clone(), host: host.cast(), device_at })
+    }
+
+    /// Address for the device.
+    pub fn device_at(&self) -> CUdeviceptr {
+        self.device_at
+    }
+
+    /// Address for the host; the device may write there at any time.
+    pub fn host(&self) -> *mut T {
+        self.host
+    }
+}
+
+impl<T> Drop for Pinned<T> {
+    fn drop(&mut self) {
+        if let Ok(_entered) = self.stream.device.enter() {
+            // SAFETY: own memory; work that uses it is finished first, for the owner waits for its steps.
+            unsafe { (self.stream.device.driver.mem_free_host)(self.host.cast()) };
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! WHERE: on an NVIDIA GPU, the same model and the same answers.
+//!
+//! Nothing links CUDA. The driver is looked for when the first simulation asks for a GPU; that there is none is a normal answer. The
+//! kernels lie in the library as machine code for common GPUs and as PTX for the rest, see `kernels/`.
+
+pub mod device;
+mod driver;
+mod graph;
+mod kernels;
+mod layout;
+mod memory;
+pub mod solver;

@@ -1,0 +1,410 @@
+//! The GPU's backend: one simulation's state on a device, and how a step is asked of it.
+//!
+//! A step is one graph: the step's record goes to the device, all substeps follow each other, and the last kernel writes what happened into memory
+//! that the host watches. Nothing else goes to and fro.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::ffi::c_void;
+use std::sync::Arc;
+use std::sync::atomic::{Ordering, fence};
+
+use super::device::Device;
+use super::graph::Graph;
+use super::kernels::Kernels;
+use super::layout::{Law, MARK_BYTES, Pass, Report, SOUND, Step};
+use super::memory::{Buffer, Pinned, Stream};
+use crate::cpu::stability;
+use crate::error::Result;
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::solver::tool::Contact;
+use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+
+/// Displacement, in cells, at which forces are taken for linear: small against a cell, large against single precision's rounding.
+const PROBE: f64 = 1e-3;
+/// Looks at the report between two looks at whether the device still works.
+const PATIENCE: u32 = 1000;
+
+/// A simulation's state on a GPU.
+#[derive(Debug)]
+pub struct CudaSolver {
+    model: Arc<Model>,
+    stream: Arc<Stream>,
+    kernels: Kernels,
+    state: State,
+    step: Pinned<Step>,
+    report: Pinned<Report>,
+    /// Recorded steps by the number of their substeps and the copy of `u` that they start from.
+    graphs: HashMap<(u32, usize), Graph>,
+    sequence: u32,
+    stable_dt: f64,
+    /// The host's copy of the nodes, where it is up to date.
+    mirror: RefCell<Option<Mirror>>,
+}
+
+/// What lies on the device.
+#[derive(Debug)]
+struct State {
+    bricks: u32,
+    /// Displacements and words, twice; `current` says which is which.
+    u: [Buffer<[f32; 4]>; 2],
+    current: usize,
+    /// Velocities; twice where springs are damped.
+    v: Vec<Buffer<f32>>,
+    neighbours: Buffer<[u32; 27]>,
+    flags: Buffer<u8>,
+    laws: Buffer<Law>,
+    step: Buffer<u32>,
+    marks: Buffer<u8>,
+    diverged_at: Buffer<u32>,
+    cell: f32,
+}
+
+/// Nodes as the host sees them.
+#[derive(Debug)]
+struct Mirror {
+    u: Vec<[f32; 4]>,
+    v: Vec<f32>,
+}
+
+impl State {
+    fn new(model: &Model, stream: &Arc<Stream>) -> Result<Self> {
+        let lattice = model.lattice();
+        let bricks = lattice.bricks().len();
+        let damped = model.laws().iter().any(|law| law.damping_s > 0.0);
+        let neighbours: Vec<[u32; 27]> = lattice.surroundings().collect();
+        // The words travel with the displacements; behind them lies the empty brick.
+        let words = lattice.words().iter().copied().chain([0; BRICK_SLOTS]);
+        let u: Vec<[f32; 4]> = words.map(|word| [0.0, 0.0, 0.0, f32::from_bits(word)]).collect();
+        let velocities = || Buffer::zeros(stream, (bricks + 1) * 3 * BRICK_SLOTS);
+        Ok(Self {
+            bricks: bricks as u32,
+            u: [Buffer::of(stream, &u)?, Buffer::of(stream, &u)?],
+            current: 0,
+            v: (0..1 + usize::from(damped)).map(|_| velocities()).collect::<Result<_>>()?,
+            neighbours: Buffer::of(stream, &neighbours)?,
+            flags: Buffer::of(stream, lattice.flags())?,
+            laws: Buffer::of(stream, &model.laws().map(|law| Law::of(&law)))?,
+            step: Buffer::zeros(stream, size_of::<Step>() / 4)?,
+            marks: Buffer::zeros(stream, bricks * MARK_BYTES)?,
+            diverged_at: {
+                let flag = Buffer::zeros(stream, 1)?;
+                flag.write(0, &[SOUND])?;
+                flag
+            },
+            cell: lattice.cell_m() as f32,
+        })
+    }
+
+    /// What substep number `substep` of a step reads and writes, when the step starts at copy `start` of `u`.
+    fn pass(&self, start: usize, substep: u32, mark: bool) -> Pass {
+        let from = (start + substep as usize + 1) % 2;
+        let v = |copy: usize| self.v[copy % self.v.len()].at();
+        Pass {
+            u: self.u[from].at(),
+            u_next: self.u[1 - from].at(),
+            v: v(from),
+            v_next: v(1 - from),
+            neighbours: self.neighbours.at(),
+            flags: self.flags.at(),
+            laws: self.laws.at(),
+            step: self.step.at(),
+            marks: self.marks.at(),
+            diverged_at: self.diverged_at.at(),
+            awake: 0,
+            cell: self.cell,
+            substep,
+            mark: u32::from(mark),
+        }
+    }
+
+    /// The current velocities.
+    fn velocities(&self) -> &Buffer<f32> {
+        &self.v[self.current % self.v.len()]
+    }
+
+    fn bytes(&self) -> u64 {
+        let fields = self.u.iter().map(Buffer::bytes).chain(self.v.iter().map(Buffer::bytes)).sum::<u64>();
+        fields + self.neighbours.bytes() + self.flags.bytes() + self.marks.bytes()
+    }
+}
+
+impl CudaSolver {
+    /// The model at rest on a device.
+    pub fn new(model: &Arc<Model>, device: Arc<Device>) -> Result<Self> {
+        let stream = Arc::new(Stream::new(device)?);
+        let laws = model.laws();
+        let kernels = Kernels::load(
+            &stream.device,
+            laws.iter().any(|law| law.volume_n > 0.0),
+            laws.iter().any(|law| law.damping_s > 0.0),
+        )?;
+        let mut solver = Self {
+            state: State::new(model, &stream)?,
+            step: Pinned::new(&stream)?,
+            report: Pinned::new(&stream)?,
+            graphs: HashMap::new(),
+            sequence: 0,
+            stable_dt: 0.0,
+            mirror: RefCell::new(None),
+            model: model.clone(),
+            kernels,
+            stream,
+        };
+        let damping = laws.iter().map(|law| law.damping_s).fold(0.0, f64::max);
+        solver.stable_dt = stability::stable_dt(solver.highest_frequency()?, damping);
+        solver.rest()?;
+        Ok(solver)
+    }
+
+    /// Back to rest.
+    fn rest(&mut self) -> Result<()> {
+        let words = self.model.lattice().words();
+        let u: Vec<[f32; 4]> = words.iter().map(|&word| [0.0, 0.0, 0.0, f32::from_bits(word)]).collect();
+        self.state.u.iter().try_for_each(|copy| copy.write(0, &u))?;
+        self.state.v.iter().try_for_each(Buffer::clear)?;
+        self.state.diverged_at.fill(SOUND)?;
+        self.mirror.replace(None);
+        self.stream.wait()
+    }
+
+    /// Asks for one step of `substeps` substeps.
+    fn ask(&mut self, step: Step, substeps: u32) -> Result<()> {
+        let start = self.state.current;
+        // SAFETY: the last step has been reported, so the device reads the record no more.
+        unsafe { self.step.host().write(step) };
+        if !self.graphs.contains_key(&(substeps, start)) {
+            let graph = Graph::record(&self.stream, || self.work(substeps, start))?;
+            self.graphs.insert((substeps, start), graph);
+        }
+        self.graphs[&(substeps, start)].launch()
+    }
+
+    /// The work of one step, in order.
+    fn work(&self, substeps: u32, start: usize) -> Result<()> {
+        let (device, stream) = (&self.stream.device, self.stream.handle);
+        // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the graph.
+        unsafe {
+            let status = (device.driver.memcpy_to_device)(
+                self.state.step.at(),
+                self.step.host().cast_const().cast(),
+                size_of::<Step>(),
+                stream,
+            );
+            device.driver.check(status, "recording a step")?;
+            for substep in 1..=substeps {
+                let mut pass = self.state.pass(start, substep, substep == substeps);
+                let arguments = &mut [pointer(&mut pass)];
+                self.kernels.substep.launch(
+                    device,
+                    stream,
+                    self.state.bricks,
+                    BRICK_SLOTS as u32,
+                    arguments,
+                )?;
+            }
+            let (mut marks, mut count) = (self.state.marks.at(), self.state.bricks);
+            let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
+            let mut report = self.report.device_at();
+            let arguments = &mut [
+                pointer(&mut marks),
+                pointer(&mut count),
+                pointer(&mut step),
+                pointer(&mut flag),
+                pointer(&mut report),
+            ];
+            self.kernels.report.launch(device, stream, 1, 1024, arguments)
+        }
+    }
+
+    /// Waits for the report of the step with a number.
+    fn wait_for(&self, sequence: u32) -> Result<Report> {
+        let report = self.report.host();
+        let mut looks = 0;
+        // SAFETY: the record lives as long as the solver; the device writes `sequence` last.
+        while unsafe { (&raw const (*report).sequence).read_volatile() } != sequence {
+            looks += 1;
+            if looks % PATIENCE == 0 {
+                let _entered = self.stream.device.enter()?;
+                self.stream.device.driver.is_done(self.stream.handle)?;
+            }
+            std::hint::spin_loop();
+        }
+        // Acquire: what the device wrote before the number is read after it.
+        fence(Ordering::Acquire);
+        // SAFETY: as above; the device writes again only in the next step.
+        Ok(unsafe { report.read_volatile() })
+    }
+
+    fn next_sequence(&mut self) -> u32 {
+        self.sequence = self.sequence.wrapping_add(1);
+        self.sequence
+    }
+
+    /// Accelerations by inner forces at displacements `u`, all slots, and the state is lost.
+    fn forces_of(&mut self, u: &[[f32; 4]]) -> Result<Vec<f32>> {
+        self.state.current = 0;
+        self.state.u[0].write(0, u)?;
+        self.state.v.iter().try_for_each(Buffer::clear)?;
+        // From rest, one second at constant acceleration leaves a velocity of that size.
+        let sequence = self.next_sequence();
+        self.ask(Step { dt: 1.0, keep: 1.0, gravity: [0.0; 3], sequence }, 1)?;
+        self.wait_for(sequence)?;
+        let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
+        self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
+        Ok(a)
+    }
+
+    /// Highest angular frequency of the model at rest.
+    fn highest_frequency(&mut self) -> Result<f64> {
+        let model = self.model.clone();
+        let (lattice, laws) = (model.lattice(), model.laws());
+        let slots = lattice.slot_count();
+        let mut mass = vec![0.0; 3 * slots];
+        for slot in lattice.slots() {
+            let m = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+            for axis in 0..3 {
+                if lattice.flags()[slot as usize] & (flag::FIX_X << axis) == 0 {
+                    mass[3 * slot as usize + axis] = m;
+                }
+            }
+        }
+        let mut failed = Ok(());
+        let omega = stability::highest_frequency(&mass, |u| {
+            if failed.is_err() {
+                return;
+            }
+            let most = u.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+            let scale = PROBE * lattice.cell_m() / most.max(1e-300);
+            let word = |slot: usize| f32::from_bits(lattice.words()[slot]);
+            let displaced = (0..slots).map(|slot| {
+                let [x, y, z] = [0, 1, 2].map(|axis| (u[3 * slot + axis] * scale) as f32);
+                [x, y, z, word(slot)]
+            });
+            match self.forces_of(&displaced.collect::<Vec<_>>()) {
+                Ok(a) => {
+                    for slot in 0..slots {
+                        for axis in 0..3 {
+                            u[3 * slot + axis] = -f64::from(a[number(slot, axis)]) / scale;
+                        }
+                    }
+                }
+                Err(error) => failed = Err(error),
+            }
+        });
+        failed.map(|()| omega)
+    }
+
+    /// The nodes as they are now.
+    fn look<T>(&self, see: impl FnOnce(&Mirror) -> T) -> T {
+        let mut mirror = self.mirror.borrow_mut();
+        if mirror.is_none() {
+            let slots = self.state.bricks as usize * BRICK_SLOTS;
+            let mut fresh = Mirror { u: vec![[0.0; 4]; slots], v: vec![0.0; 3 * slots] };
+            // A device that is lost answers nothing; the next step says so.
+            let _ = self.state.u[self.state.current].read(0, &mut fresh.u);
+            let _ = self.state.velocities().read(0, &mut fresh.v);
+            *mirror = Some(fresh);
+        }
+        see(mirror.as_ref().expect("the mirror was just filled"))
+    }
+}
+
+/// An argument of a kernel.
+fn pointer<T>(value: &mut T) -> *mut c_void {
+    std::ptr::from_mut(value).cast()
+}
+
+/// Place of a component of a slot's velocity.
+fn number(slot: usize, axis: usize) -> usize {
+    slot / BRICK_SLOTS * 3 * BRICK_SLOTS + axis * BRICK_SLOTS + slot % BRICK_SLOTS
+}
+
+impl Solver for CudaSolver {
+    fn stable_dt(&self) -> f64 {
+        self.stable_dt
+    }
+
+    fn advance(&mut self, plan: &StepPlan, _sums: &mut [ToolSum]) -> Result<StepReport> {
+        self.mirror.replace(None);
+        let sequence = self.next_sequence();
+        let [x, y, z] = [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32);
+        let keep = 1.0 / (1.0 + plan.drag_per_s * plan.dt);
+        let step = Step { dt: plan.dt as f32, keep: keep as f32, gravity: [x, y, z], sequence };
+        let start = self.state.current;
+        self.ask(step, plan.substeps)?;
+        let report = self.wait_for(sequence)?;
+
+        let has_diverged = report.diverged_at != SOUND;
+        let taken = if has_diverged { report.diverged_at - 1 } else { plan.substeps };
+        self.state.current = (start + taken as usize) % 2;
+        if has_diverged {
+            self.state.v.iter().try_for_each(Buffer::clear)?;
+        }
+        Ok(StepReport {
+            substeps: taken,
+            has_diverged,
+            awake_nodes: self.model.lattice().node_count() as u64,
+            strain: f64::from(report.strain),
+            volume_ratio: [1.0 - f64::from(report.shrinking), 1.0 + f64::from(report.swelling)],
+            contact_points: 0,
+            dropped_points: 0,
+        })
+    }
+
+    fn contacts(&self, _tool: usize) -> Vec<Contact> {
+        Vec::new()
+    }
+
+    fn publish(&mut self, _surface: usize, _field: SurfaceField, _arrays: &mut SurfaceArrays) {}
+
+    fn displacement(&self, slot: u32) -> Vec3 {
+        self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.u[slot as usize][axis])))
+    }
+
+    fn velocity(&self, slot: u32) -> Vec3 {
+        self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.v[number(slot as usize, axis)])))
+    }
+
+    fn velocities(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.model.lattice().slot_count() as u32).map(|slot| self.velocity(slot)));
+    }
+
+    fn largest_change(&self, before: &[Vec3]) -> f64 {
+        (0..).zip(before).map(|(slot, old)| (self.velocity(slot) - old).norm()).fold(0.0, f64::max)
+    }
+
+    fn halt(&mut self) {
+        let _ = self.state.v.iter().try_for_each(Buffer::clear);
+        self.mirror.replace(None);
+    }
+
+    fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
+        let word = self.model.lattice().words()[slot as usize];
+        let [x, y, z] = [0, 1, 2].map(|axis| displacement[axis] as f32);
+        let u = [[x, y, z, f32::from_bits(word)]];
+        let _ = self.state.u.iter().try_for_each(|copy| copy.write(slot as usize, &u));
+        for axis in 0..3 {
+            let at = number(slot as usize, axis);
+            let _ = self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32]));
+        }
+        self.mirror.replace(None);
+    }
+
+    fn accelerations(&mut self) -> Vec<Vec3> {
+        Vec::new()
+    }
+
+    fn wake(&mut self) {}
+
+    fn reset(&mut self) {
+        let _ = self.rest();
+    }
+
+    fn node_bytes(&self) -> u64 {
+        self.state.bytes()
+    }
+}

@@ -10,9 +10,9 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become one image.
-const IMAGES: [&str; 2] = ["lattice", "report"];
+const IMAGES: [&str; 3] = ["lattice", "contact", "report"];
 /// What they include.
-const HEADERS: [&str; 2] = ["law.cuh", "layout.cuh"];
+const HEADERS: [&str; 3] = ["contact.cuh", "law.cuh", "layout.cuh"];
 /// The compiler that made the images in `kernels/prebuilt`.
 const NVCC: &str = "13.0.88";
 /// Machine code for common GPUs, and PTX that newer ones compile for themselves. Approximate roots and quotients, and denormal

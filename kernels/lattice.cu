@@ -41,10 +41,6 @@ constexpr HaloTable halo_table() {
 }
 __device__ const HaloTable HALO_TABLE = halo_table();
 
-struct Vec {
-    float x, y, z;
-};
-
 // Everything that the nodes of a block share.
 template <bool VOLUME, bool DAMPED>
 struct Shared {

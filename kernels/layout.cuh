@@ -1,6 +1,7 @@
 // What the host and the kernels share: twins of src/cuda/layout.rs.
 #pragma once
 #include <stdint.h>
+#include "contact.cuh"
 
 // Nodes of a brick along x, y, z, and in all.
 constexpr int BRICK_X = 8, BRICK_Y = 4, BRICK_Z = 4, BRICK_NODES = BRICK_X * BRICK_Y * BRICK_Z;
@@ -13,13 +14,44 @@ struct Law {
     float damper;
 };
 
-// What is new in each step. Model frame, SI units.
+// Most tools at once.
+constexpr int MAX_TOOLS = 64;
+// Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
+constexpr int MAX_POINTS = 4096, MAX_NEAR = 32768, MAX_NODES = 65536;
+
+// A tool during one step. Model frame.
+struct ToolStep {
+    double from[3], to[3];
+    // Orientation at the start, and the rotation vector of the whole step.
+    float turn_from[4];
+    float turn[3];
+    float friction;
+    // Radius of a ball around the origin that holds the tool, and the distance that contact points resolve.
+    float radius, spacing;
+    // Its parts among all.
+    uint32_t part, part_count;
+};
+
+// What a tool gave to the tissue in a step: impulse on the tool and its moment about the tool's origin, and the work on the tissue.
+struct ToolSum {
+    double impulse[3], moment[3], work;
+};
+
+// What is new in each step. Model frame, SI units; `tools` follow in the same record.
 struct Step {
     float dt;
     // What background drag leaves of a velocity.
     float keep;
     float gravity[3];
     uint32_t sequence;
+    uint32_t tool_count;
+    // How much further than a tool's own way the tissue may come to meet it in this step.
+    float margin;
+    // The step, in s.
+    float duration;
+    // Largest push in one substep beside the tools' own motion, in m.
+    float push_limit;
+    ToolStep tools[MAX_TOOLS];
 };
 
 // What a substep saw in one brick; see Mark in src/cpu/lattice/mod.rs.
@@ -43,6 +75,9 @@ struct Report {
     float shrinking;
     float displacement2;
     double vis_viva;
+    uint32_t contact_points;
+    uint32_t dropped_points;
+    ToolSum sums[MAX_TOOLS];
     uint32_t sequence;
 };
 
@@ -68,4 +103,57 @@ struct Pass {
     uint32_t substep;
     // Whether marks are wanted.
     uint32_t mark;
+};
+
+// A point of the surface inside a tool.
+struct Point {
+    // Place in the list of near vertices, and the tool.
+    uint32_t near, tool;
+    // From the tool's origin, model axes.
+    float at[3];
+    // Out of the tool.
+    float normal[3];
+    float depth, travel;
+    float tool_velocity[3];
+    // Velocity of the tissue without contact.
+    float before[3];
+    // 1 / the sum of what this point's impulse moves, by the worst of its neighbours' too.
+    float mass;
+    // Impulse on the tissue in N s, along the normal and across it; and before the last iteration.
+    float push, drag[3];
+    float last_push, last_drag[3];
+    float target;
+    // 0 where held nodes alone carry it.
+    uint32_t movable;
+    uint32_t nodes[8];
+    float weights[8];
+};
+
+// Contact of one surface.
+struct Contact {
+    uint32_t vertices;
+    const float* rest;          // [3 * vertices]
+    const uint32_t* row_nodes;  // [8 * vertices]: slots
+    const float* row_weights;   // [8 * vertices]
+    // The vertices that a slot carries: ranges [slots + 1], and vertex and weight.
+    const uint32_t* carried_start;
+    const uint32_t* carried_vertex;
+    const float* carried_weight;
+    const Part* parts;
+    // Near vertices: a bit each, and their list.
+    uint32_t* near_bits;
+    uint32_t* near;
+    uint32_t* counts;  // near, nodes, dropped, points, tag
+    // Nodes that carry near vertices: slot, mobility along the axes and inverse mass.
+    uint32_t* node_stamp;  // [slots]
+    uint32_t* node_of;     // [slots]
+    uint32_t* nodes;
+    float4* mobility;
+    uint32_t* node_tag;
+    uint32_t* touched;
+    float4* change;  // of velocity, and what neighbours make of it
+    float4* impulse;  // [vertices]; w counts points
+    uint32_t* point_of;  // [MAX_TOOLS][MAX_NEAR]
+    Point* points;
+    ToolSum* sums;
 };

@@ -22,7 +22,7 @@ __device__ void join(Total& a, const Total& b) {
 }  // namespace
 
 extern "C" __global__ void __launch_bounds__(THREADS)
-    report(const Mark* marks, uint32_t count, const Step* step, uint32_t* diverged_at, Report* report) {
+    report(const Mark* marks, uint32_t count, const Step* step, uint32_t* diverged_at, const uint32_t* contact, const ToolSum* sums, Report* report) {
     __shared__ Total totals[THREADS];
     Total mine{};
     for (uint32_t i = threadIdx.x; i < count; i += THREADS) {
@@ -43,6 +43,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         report->shrinking = all.shrinking;
         report->displacement2 = all.displacement2;
         report->vis_viva = all.vis_viva;
+        report->dropped_points = contact[2];
+        report->contact_points = contact[3];
+        for (uint32_t t = 0; t < step->tool_count; ++t) report->sums[t] = sums[t];
         *diverged_at = ~0u;
         // The host reads the rest once it sees the number.
         __threadfence_system();

@@ -10,6 +10,7 @@ use crate::error::Result;
 
 /// Machine code for common GPUs and PTX for the rest, one image for each source file of `kernels/`.
 const LATTICE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/lattice.fatbin"));
+const CONTACT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/contact.fatbin"));
 const REPORT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/report.fatbin"));
 
 /// A module's functions live as long as it does.
@@ -62,9 +63,15 @@ pub struct Kernel(CUfunction);
 pub struct Kernels {
     /// One substep.
     pub substep: Kernel,
+    /// Marks the vertices that tools may meet in a step.
+    pub contact_near: Kernel,
+    /// Lists them.
+    pub contact_list: Kernel,
+    /// Pushes the tissue out of the tools.
+    pub contact_resolve: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 2],
+    _modules: [Module; 3],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -73,7 +80,8 @@ unsafe impl Send for Kernels {}
 impl Kernels {
     /// Loads the kernels for a model with or without volume terms and damped springs.
     pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
-        let (lattice, report) = (Module::load(device, LATTICE)?, Module::load(device, REPORT)?);
+        let [lattice, contact, report] = [LATTICE, CONTACT, REPORT].map(|image| Module::load(device, image));
+        let (lattice, contact, report) = (lattice?, contact?, report?);
         let substep = match (volumetric, damped) {
             (false, false) => c"lattice_plain",
             (true, false) => c"lattice_volume",
@@ -82,8 +90,11 @@ impl Kernels {
         };
         Ok(Self {
             substep: lattice.function(substep)?,
+            contact_near: contact.function(c"contact_near")?,
+            contact_list: contact.function(c"contact_list")?,
+            contact_resolve: contact.function(c"contact_resolve")?,
             report: report.function(c"report")?,
-            _modules: [lattice, report],
+            _modules: [lattice, contact, report],
         })
     }
 }

@@ -2,7 +2,11 @@
 
 use cudarc::driver::sys::CUdeviceptr;
 
+use crate::math::Pose;
 use crate::model::law::CellLaw;
+use crate::sim::MAX_TOOLS;
+use crate::solver;
+use crate::solver::tool::Shape;
 
 /// What a cell of one material contributes, SI units.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,21 +30,119 @@ impl Law {
     }
 }
 
-/// What is new in each step. Model frame, SI units.
+/// Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
+pub const MAX_POINTS: usize = 4096;
+pub const MAX_NEAR: usize = 32768;
+pub const MAX_NODES: usize = 65536;
+
+/// One shape of a tool, in the tool's frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct Part {
+    turn: [f32; 4],
+    at: [f32; 3],
+    shape: u32,
+    size: [f32; 4],
+}
+
+impl Part {
+    /// A shape at its pose.
+    pub fn of(pose: &Pose, shape: &Shape) -> Self {
+        let (shape, size) = match *shape {
+            Shape::Sphere { radius_m } => (0, [radius_m, 0.0, 0.0, 0.0]),
+            Shape::Capsule { radius_m, half_length_m } => (1, [radius_m, half_length_m, 0.0, 0.0]),
+            Shape::Box { half_extents_m: half, rounding_m } => (2, [half.x, half.y, half.z, rounding_m]),
+        };
+        let (turn, at) = (pose.rotation.coords, pose.translation.vector);
+        Self {
+            turn: [turn.x, turn.y, turn.z, turn.w].map(|x| x as f32),
+            at: [at.x, at.y, at.z].map(|x| x as f32),
+            shape,
+            size: size.map(|x| x as f32),
+        }
+    }
+}
+
+/// A tool during one step. Model frame.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct ToolStep {
+    from: [f64; 3],
+    to: [f64; 3],
+    turn_from: [f32; 4],
+    turn: [f32; 3],
+    friction: f32,
+    radius: f32,
+    spacing: f32,
+    part: u32,
+    part_count: u32,
+}
+
+impl ToolStep {
+    /// A tool whose parts begin at `part`.
+    pub fn of(tool: &solver::ToolStep, part: u32) -> Self {
+        let (from, to) = (&tool.path.from, &tool.path.to);
+        let turn = (to.rotation * from.rotation.inverse()).scaled_axis();
+        let coords = from.rotation.coords;
+        Self {
+            from: from.translation.vector.into(),
+            to: to.translation.vector.into(),
+            turn_from: [coords.x, coords.y, coords.z, coords.w].map(|x| x as f32),
+            turn: [turn.x, turn.y, turn.z].map(|x| x as f32),
+            friction: tool.desc.friction as f32,
+            radius: tool.desc.bounding_radius_m() as f32,
+            spacing: 0.5 * tool.desc.feature_m() as f32,
+            part,
+            part_count: tool.desc.parts.len() as u32,
+        }
+    }
+}
+
+/// What a tool gave to the tissue in a step.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct ToolSum {
+    pub impulse: [f64; 3],
+    pub moment: [f64; 3],
+    pub work: f64,
+}
+
+/// What is new in each step. Model frame, SI units. The device reads as many tools as there are.
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Step {
     pub dt: f32,
     pub keep: f32,
     pub gravity: [f32; 3],
     pub sequence: u32,
+    pub tool_count: u32,
+    pub margin: f32,
+    pub duration: f32,
+    pub push_limit: f32,
+    pub tools: [ToolStep; MAX_TOOLS],
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self {
+            dt: 0.0,
+            keep: 1.0,
+            gravity: [0.0; 3],
+            sequence: 0,
+            tool_count: 0,
+            margin: 0.0,
+            duration: 0.0,
+            push_limit: 0.0,
+            tools: [ToolStep::default(); MAX_TOOLS],
+        }
+    }
 }
 
 /// What a substep saw in one brick.
 pub const MARK_BYTES: usize = 28;
 
 /// How a step went.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Report {
     pub diverged_at: u32,
@@ -50,7 +152,28 @@ pub struct Report {
     pub shrinking: f32,
     pub displacement2: f32,
     pub vis_viva: f64,
+    pub contact_points: u32,
+    pub dropped_points: u32,
+    pub sums: [ToolSum; MAX_TOOLS],
     pub sequence: u32,
+}
+
+impl Default for Report {
+    fn default() -> Self {
+        Self {
+            diverged_at: SOUND,
+            speed2: 0.0,
+            strain: 0.0,
+            swelling: 0.0,
+            shrinking: 0.0,
+            displacement2: 0.0,
+            vis_viva: 0.0,
+            contact_points: 0,
+            dropped_points: 0,
+            sums: [ToolSum::default(); MAX_TOOLS],
+            sequence: 0,
+        }
+    }
 }
 
 /// No substep went wrong.
@@ -74,4 +197,66 @@ pub struct Pass {
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,
+}
+
+/// A point of the surface inside a tool, in the last substep.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Point {
+    pub near: u32,
+    pub tool: u32,
+    pub at: [f32; 3],
+    pub normal: [f32; 3],
+    pub depth: f32,
+    travel: f32,
+    tool_velocity: [f32; 3],
+    before: [f32; 3],
+    mass: f32,
+    pub push: f32,
+    pub drag: [f32; 3],
+    last_push: f32,
+    last_drag: [f32; 3],
+    target: f32,
+    movable: u32,
+    nodes: [u32; 8],
+    weights: [f32; 8],
+}
+
+/// Contact of one surface.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Contact {
+    pub vertices: u32,
+    pub rest: CUdeviceptr,
+    pub row_nodes: CUdeviceptr,
+    pub row_weights: CUdeviceptr,
+    pub carried_start: CUdeviceptr,
+    pub carried_vertex: CUdeviceptr,
+    pub carried_weight: CUdeviceptr,
+    pub parts: CUdeviceptr,
+    pub near_bits: CUdeviceptr,
+    pub near: CUdeviceptr,
+    pub counts: CUdeviceptr,
+    pub node_stamp: CUdeviceptr,
+    pub node_of: CUdeviceptr,
+    pub nodes: CUdeviceptr,
+    pub mobility: CUdeviceptr,
+    pub node_tag: CUdeviceptr,
+    pub touched: CUdeviceptr,
+    pub change: CUdeviceptr,
+    pub impulse: CUdeviceptr,
+    pub point_of: CUdeviceptr,
+    pub points: CUdeviceptr,
+    pub sums: CUdeviceptr,
+}
+
+/// Where and when a projection takes place.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Moment {
+    pub from: f32,
+    pub to: f32,
+    pub substep: u32,
+    pub tissue_moves: u32,
+    pub is_last: u32,
 }

@@ -24,6 +24,12 @@ unsafe impl Plain for f32 {}
 unsafe impl<T: Plain, const N: usize> Plain for [T; N] {}
 // SAFETY: `repr(C)` numbers.
 unsafe impl Plain for super::layout::Law {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Part {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Point {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::ToolSum {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]

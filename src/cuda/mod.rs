@@ -3,6 +3,7 @@
 //! Nothing links CUDA. The driver is looked for when the first simulation asks for a GPU; that there is none is a normal answer. The
 //! kernels lie in the library as machine code for common GPUs and as PTX for the rest, see `kernels/`.
 
+mod contact;
 pub mod device;
 mod driver;
 mod graph;
@@ -10,3 +11,8 @@ mod kernels;
 mod layout;
 mod memory;
 pub mod solver;
+
+/// An argument of a kernel.
+fn pointer<T>(value: &mut T) -> *mut std::ffi::c_void {
+    std::ptr::from_mut(value).cast()
+}

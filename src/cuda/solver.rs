@@ -5,17 +5,19 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::ffi::c_void;
+use std::mem::offset_of;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
+use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::Kernels;
-use super::layout::{Law, MARK_BYTES, Pass, Report, SOUND, Step};
+use super::layout::{Law, MARK_BYTES, Pass, Report, SOUND, Step, ToolStep};
 use super::memory::{Buffer, Pinned, Stream};
+use super::pointer;
 use crate::cpu::stability;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
@@ -36,8 +38,15 @@ pub struct CudaSolver {
     state: State,
     step: Pinned<Step>,
     report: Pinned<Report>,
-    /// Recorded steps by the number of their substeps and the copy of `u` that they start from.
-    graphs: HashMap<(u32, usize), Graph>,
+    contact: ContactSurface,
+    /// Recorded steps by the number of their substeps, the copy of `u` that they start from, and what contact does.
+    graphs: HashMap<(u32, usize, Plan), Graph>,
+    /// Speed of the fastest node at the end of the last step, m/s.
+    speed: f64,
+    /// Where tools were at the end of the last step, model frame, and how long its substeps were.
+    origins: Vec<Vec3>,
+    last_dt: f64,
+    dropped: u64,
     sequence: u32,
     stable_dt: f64,
     /// The host's copy of the nodes, where it is up to date.
@@ -87,7 +96,7 @@ impl State {
             neighbours: Buffer::of(stream, &neighbours)?,
             flags: Buffer::of(stream, lattice.flags())?,
             laws: Buffer::of(stream, &model.laws().map(|law| Law::of(&law)))?,
-            step: Buffer::zeros(stream, size_of::<Step>() / 4)?,
+            step: Buffer::zeros(stream, size_of::<Step>().div_ceil(4))?,
             marks: Buffer::zeros(stream, bricks * MARK_BYTES)?,
             diverged_at: {
                 let flag = Buffer::zeros(stream, 1)?;
@@ -145,7 +154,12 @@ impl CudaSolver {
             state: State::new(model, &stream)?,
             step: Pinned::new(&stream)?,
             report: Pinned::new(&stream)?,
+            contact: ContactSurface::new(model, &stream)?,
             graphs: HashMap::new(),
+            speed: 0.0,
+            origins: Vec::new(),
+            last_dt: 1.0,
+            dropped: 0,
             sequence: 0,
             stable_dt: 0.0,
             mirror: RefCell::new(None),
@@ -166,34 +180,40 @@ impl CudaSolver {
         self.state.u.iter().try_for_each(|copy| copy.write(0, &u))?;
         self.state.v.iter().try_for_each(Buffer::clear)?;
         self.state.diverged_at.fill(SOUND)?;
+        self.contact.clear()?;
+        self.speed = 0.0;
         self.mirror.replace(None);
         self.stream.wait()
     }
 
     /// Asks for one step of `substeps` substeps.
-    fn ask(&mut self, step: Step, substeps: u32) -> Result<()> {
+    fn ask(&mut self, step: Step, substeps: u32, contact: Plan) -> Result<()> {
         let start = self.state.current;
         // SAFETY: the last step has been reported, so the device reads the record no more.
         unsafe { self.step.host().write(step) };
-        if !self.graphs.contains_key(&(substeps, start)) {
-            let graph = Graph::record(&self.stream, || self.work(substeps, start))?;
-            self.graphs.insert((substeps, start), graph);
+        let key = (substeps, start, contact);
+        if !self.graphs.contains_key(&key) {
+            let graph = Graph::record(&self.stream, || self.work(substeps, start, contact))?;
+            self.graphs.insert(key, graph);
         }
-        self.graphs[&(substeps, start)].launch()
+        self.graphs[&key].launch()
     }
 
     /// The work of one step, in order.
-    fn work(&self, substeps: u32, start: usize) -> Result<()> {
+    fn work(&self, substeps: u32, start: usize, contact: Plan) -> Result<()> {
         let (device, stream) = (&self.stream.device, self.stream.handle);
         // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the graph.
         unsafe {
             let status = (device.driver.memcpy_to_device)(
                 self.state.step.at(),
                 self.step.host().cast_const().cast(),
-                size_of::<Step>(),
+                offset_of!(Step, tools) + contact.tools as usize * size_of::<ToolStep>(),
                 stream,
             );
             device.driver.check(status, "recording a step")?;
+            if contact.tools > 0 {
+                self.contact.list(&self.kernels, &self.stream, &mut self.state.pass(start, 1, false))?;
+            }
             for substep in 1..=substeps {
                 let mut pass = self.state.pass(start, substep, substep == substeps);
                 let arguments = &mut [pointer(&mut pass)];
@@ -204,15 +224,21 @@ impl CudaSolver {
                     BRICK_SLOTS as u32,
                     arguments,
                 )?;
+                if contact.tools > 0 {
+                    self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                }
             }
             let (mut marks, mut count) = (self.state.marks.at(), self.state.bricks);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
+            let [mut counts, mut sums] = self.contact.told();
             let mut report = self.report.device_at();
             let arguments = &mut [
                 pointer(&mut marks),
                 pointer(&mut count),
                 pointer(&mut step),
                 pointer(&mut flag),
+                pointer(&mut counts),
+                pointer(&mut sums),
                 pointer(&mut report),
             ];
             self.kernels.report.launch(device, stream, 1, 1024, arguments)
@@ -250,7 +276,7 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         // From rest, one second at constant acceleration leaves a velocity of that size.
         let sequence = self.next_sequence();
-        self.ask(Step { dt: 1.0, keep: 1.0, gravity: [0.0; 3], sequence }, 1)?;
+        self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, Plan::default())?;
         self.wait_for(sequence)?;
         let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
         self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
@@ -312,11 +338,6 @@ impl CudaSolver {
     }
 }
 
-/// An argument of a kernel.
-fn pointer<T>(value: &mut T) -> *mut c_void {
-    std::ptr::from_mut(value).cast()
-}
-
 /// Place of a component of a slot's velocity.
 fn number(slot: usize, axis: usize) -> usize {
     slot / BRICK_SLOTS * 3 * BRICK_SLOTS + axis * BRICK_SLOTS + slot % BRICK_SLOTS
@@ -327,35 +348,59 @@ impl Solver for CudaSolver {
         self.stable_dt
     }
 
-    fn advance(&mut self, plan: &StepPlan, _sums: &mut [ToolSum]) -> Result<StepReport> {
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
+        refuse(plan)?;
         self.mirror.replace(None);
         let sequence = self.next_sequence();
-        let [x, y, z] = [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32);
-        let keep = 1.0 / (1.0 + plan.drag_per_s * plan.dt);
-        let step = Step { dt: plan.dt as f32, keep: keep as f32, gravity: [x, y, z], sequence };
+        let duration = plan.dt * f64::from(plan.substeps);
+        let (contact, tools) = self.contact.plan(plan.tools, plan.substeps)?;
+        let mut step = Step {
+            dt: plan.dt as f32,
+            keep: (1.0 / (1.0 + plan.drag_per_s * plan.dt)) as f32,
+            gravity: [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32),
+            sequence,
+            tool_count: contact.tools,
+            margin: self.contact.margin(plan.tools, self.speed, duration) as f32,
+            duration: duration as f32,
+            push_limit: self.contact.push_limit() as f32,
+            ..Step::default()
+        };
+        step.tools[..tools.len()].copy_from_slice(&tools);
         let start = self.state.current;
-        self.ask(step, plan.substeps)?;
+        self.ask(step, plan.substeps, contact)?;
         let report = self.wait_for(sequence)?;
 
+        self.speed = f64::from(report.speed2).sqrt();
+        self.origins.clear();
+        self.origins.extend(plan.tools.iter().map(|tool| tool.path.to.translation.vector));
+        self.last_dt = plan.dt;
+        for (sum, told) in sums.iter_mut().zip(&report.sums).take(plan.tools.len()) {
+            sum.impulse.force_n += Vec3::from(told.impulse);
+            sum.impulse.torque_n_m += Vec3::from(told.moment);
+            sum.work_j += told.work;
+        }
         let has_diverged = report.diverged_at != SOUND;
         let taken = if has_diverged { report.diverged_at - 1 } else { plan.substeps };
         self.state.current = (start + taken as usize) % 2;
         if has_diverged {
             self.state.v.iter().try_for_each(Buffer::clear)?;
         }
+        self.dropped = u64::from(report.dropped_points);
         Ok(StepReport {
             substeps: taken,
             has_diverged,
             awake_nodes: self.model.lattice().node_count() as u64,
             strain: f64::from(report.strain),
             volume_ratio: [1.0 - f64::from(report.shrinking), 1.0 + f64::from(report.swelling)],
-            contact_points: 0,
-            dropped_points: 0,
+            contact_points: report.contact_points,
+            dropped_points: self.dropped,
         })
     }
 
-    fn contacts(&self, _tool: usize) -> Vec<Contact> {
-        Vec::new()
+    fn contacts(&self, tool: usize) -> Vec<Contact> {
+        let Some(&origin) = self.origins.get(tool) else { return Vec::new() };
+        // A device that is lost answers nothing; the next step says so.
+        self.contact.contacts_of(tool as u32, origin, self.last_dt).unwrap_or_default()
     }
 
     fn publish(&mut self, _surface: usize, _field: SurfaceField, _arrays: &mut SurfaceArrays) {}
@@ -407,4 +452,15 @@ impl Solver for CudaSolver {
     fn node_bytes(&self) -> u64 {
         self.state.bytes()
     }
+}
+
+/// What this backend does not do yet.
+fn refuse(plan: &StepPlan) -> Result<()> {
+    let what = match () {
+        () if !plan.loads.is_empty() => "loads",
+        () if !plan.regions.is_empty() => "driven regions",
+        () if plan.kinetic_damping => "settling",
+        () => return Ok(()),
+    };
+    Err(Error::Unsupported(format!("{what} on a GPU")))
 }

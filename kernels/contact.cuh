@@ -1,0 +1,101 @@
+// What contact is made of: shapes, poses and the points that touch. Twins of src/solver/tool.rs; plain C++ as well as CUDA.
+#pragma once
+#include "law.cuh"
+#include <math.h>
+
+struct Vec {
+    float x, y, z;
+};
+
+PLP_LAW Vec operator+(Vec a, Vec b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+PLP_LAW Vec operator-(Vec a, Vec b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+PLP_LAW Vec operator*(Vec a, float s) { return {a.x * s, a.y * s, a.z * s}; }
+PLP_LAW float dot(Vec a, Vec b) { return a.x * b.x + (a.y * b.y + a.z * b.z); }
+PLP_LAW Vec cross(Vec a, Vec b) { return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+PLP_LAW float norm(Vec a) { return sqrtf(dot(a, a)); }
+PLP_LAW float clamp(float x, float low, float high) { return fminf(fmaxf(x, low), high); }
+
+// A unit quaternion x y z w.
+struct Quat {
+    float x, y, z, w;
+};
+
+PLP_LAW Vec rotate(Quat q, Vec v) {
+    const Vec axis{q.x, q.y, q.z};
+    const Vec t = cross(axis, v) * 2.0f;
+    return v + t * q.w + cross(axis, t);
+}
+PLP_LAW Quat conjugate(Quat q) { return {-q.x, -q.y, -q.z, q.w}; }
+PLP_LAW Quat operator*(Quat a, Quat b) {
+    return {a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
+            a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z};
+}
+// The turn by a rotation vector.
+PLP_LAW Quat turn_by(Vec v) {
+    const float angle = norm(v);
+    const float s = angle > 1e-6f ? sinf(0.5f * angle) / angle : 0.5f;
+    return {v.x * s, v.y * s, v.z * s, cosf(0.5f * angle)};
+}
+
+enum Shape { SPHERE = 0, CAPSULE = 1, BOX = 2 };
+
+// One shape of a tool, in the tool's frame.
+struct Part {
+    Quat turn;
+    Vec at;
+    int shape;
+    // Radius; radius and half length; half extents and rounding.
+    float size[4];
+};
+
+// A signed distance (negative inside) and the outward unit normal.
+struct Distance {
+    float distance;
+    Vec normal;
+};
+
+// To a ball of radius `r` around the nearest core point, `d` away from it. At the very centre every direction leads out.
+PLP_LAW Distance from_core(Vec d, float r) {
+    const float length = norm(d);
+    return {length - r, length > 0.0f ? d * (1.0f / length) : Vec{0, 0, 1}};
+}
+
+// From a point of the part's own frame.
+PLP_LAW Distance shape_distance(const Part& part, Vec p) {
+    if (part.shape == SPHERE) return from_core(p, part.size[0]);
+    if (part.shape == CAPSULE) return from_core({p.x, p.y, p.z - clamp(p.z, -part.size[1], part.size[1])}, part.size[0]);
+    const float round = part.size[3];
+    const Vec half{part.size[0], part.size[1], part.size[2]};
+    const Vec core{half.x - round, half.y - round, half.z - round};
+    const Vec outside{p.x - clamp(p.x, -core.x, core.x), p.y - clamp(p.y, -core.y, core.y), p.z - clamp(p.z, -core.z, core.z)};
+    if (dot(outside, outside) > 0.0f) return from_core(outside, round);
+    // Inside the core: out through the nearest face.
+    const float dx = half.x - fabsf(p.x), dy = half.y - fabsf(p.y), dz = half.z - fabsf(p.z);
+    if (dx <= dy && dx <= dz) return {-dx, {p.x < 0.0f ? -1.0f : 1.0f, 0, 0}};
+    if (dy <= dz) return {-dy, {0, p.y < 0.0f ? -1.0f : 1.0f, 0}};
+    return {-dz, {0, 0, p.z < 0.0f ? -1.0f : 1.0f}};
+}
+
+// From a point of the tool's frame to the union of its parts.
+PLP_LAW Distance tool_distance(const Part* parts, int count, Vec p) {
+    Distance nearest{INFINITY, {0, 0, 1}};
+    for (int i = 0; i < count; ++i) {
+        const Part& part = parts[i];
+        Distance d = shape_distance(part, rotate(conjugate(part.turn), p - part.at));
+        if (d.distance < nearest.distance) nearest = {d.distance, rotate(part.turn, d.normal)};
+    }
+    return nearest;
+}
+
+// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that it
+// meets first (negative), and that plane's normal. At the end alone, a point that went past the middle of a thin tool would be
+// pushed out on the wrong side, and one that went through would be missed.
+PLP_LAW Distance meet(const Part* parts, int count, Vec start, Vec end, float strides) {
+    const float steps = clamp(ceilf(strides), 1.0f, 64.0f);
+    for (float step = 0.0f; step <= steps; step += 1.0f) {
+        const Vec at = start + (end - start) * (step / steps);
+        const Distance d = tool_distance(parts, count, at);
+        if (d.distance < 0.0f) return {d.distance + dot(d.normal, end - at), d.normal};
+    }
+    return {INFINITY, {0, 0, 1}};
+}

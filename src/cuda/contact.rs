@@ -1,0 +1,273 @@
+//! Contact on the device: what it works on, and what is asked of it in a step.
+
+use std::sync::Arc;
+
+use super::kernels::Kernels;
+use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, Moment, Part, Pass, Point, ToolSum};
+use super::memory::{Buffer, Stream};
+use super::pointer;
+use crate::error::{Error, Result};
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::surface::ROW;
+use crate::sim::MAX_TOOLS;
+use crate::solver::ToolStep;
+use crate::solver::tool::{Contact, MAX_PARTS};
+
+/// Threads of a block of `contact_near`, and of the one block of `contact_list` and `contact_resolve`.
+const NEAR_THREADS: u32 = 256;
+const THREADS: u32 = 512;
+/// Most moves of a tool in a substep.
+const MAX_MOVES: f64 = 64.0;
+/// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
+const PUSH_LIMIT: f64 = 0.25;
+
+/// The contact surface of a model on the device.
+#[derive(Debug)]
+pub struct ContactSurface {
+    model: Arc<Model>,
+    longest_edge: f64,
+    vertices: u32,
+    rest: Buffer<[f32; 3]>,
+    row_nodes: Buffer<[u32; ROW]>,
+    row_weights: Buffer<[f32; ROW]>,
+    carried_start: Buffer<u32>,
+    carried_vertex: Buffer<u32>,
+    carried_weight: Buffer<f32>,
+    parts: Buffer<Part>,
+    near_bits: Buffer<u32>,
+    near: Buffer<u32>,
+    counts: Buffer<u32>,
+    node_stamp: Buffer<u32>,
+    node_of: Buffer<u32>,
+    nodes: Buffer<u32>,
+    mobility: Buffer<[f32; 4]>,
+    node_tag: Buffer<u32>,
+    touched: Buffer<u32>,
+    change: Buffer<[f32; 4]>,
+    impulse: Buffer<[f32; 4]>,
+    point_of: Buffer<u32>,
+    points: Buffer<Point>,
+    sums: Buffer<ToolSum>,
+    /// The parts that lie in `parts`, tool by tool.
+    known_parts: Vec<Part>,
+}
+
+/// How contact takes part in a step: equal plans are recorded once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Plan {
+    /// How many tools there are.
+    pub tools: u32,
+    /// How many moves each makes in a substep.
+    pub moves: u32,
+}
+
+impl ContactSurface {
+    /// Prepares the contact surface of a model.
+    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+        let surface = &model.surfaces()[model.contact_surface()];
+        let slots = model.lattice().slot_count();
+        let vertices = surface.positions.len();
+        let rest: Vec<[f32; 3]> =
+            surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect();
+
+        // The vertices that each node carries, ascending.
+        let carries = || {
+            let rows = surface.rows.iter().enumerate();
+            rows.flat_map(|(v, row)| (0..ROW).map(move |i| (row.nodes[i], v as u32, row.weights[i])))
+                .filter(|(_, _, weight)| *weight != 0.0)
+        };
+        let mut carried_start = vec![0_u32; slots + 1];
+        carries().for_each(|(slot, _, _)| carried_start[slot as usize + 1] += 1);
+        for slot in 0..slots {
+            carried_start[slot + 1] += carried_start[slot];
+        }
+        let count = carried_start[slots] as usize;
+        let (mut carried_vertex, mut carried_weight) = (vec![0_u32; count], vec![0.0_f32; count]);
+        let mut next = carried_start.clone();
+        for (slot, vertex, weight) in carries() {
+            let at = next[slot as usize] as usize;
+            next[slot as usize] += 1;
+            (carried_vertex[at], carried_weight[at]) = (vertex, weight);
+        }
+
+        let longest_edge = surface
+            .triangles
+            .iter()
+            .flat_map(|t| (0..3).map(move |i| (t[i], t[(i + 1) % 3])))
+            .map(|(a, b)| (surface.positions[a as usize] - surface.positions[b as usize]).norm())
+            .fold(0.0, f64::max);
+        Ok(Self {
+            longest_edge,
+            vertices: vertices as u32,
+            rest: Buffer::of(stream, &rest)?,
+            row_nodes: Buffer::of(stream, &surface.rows.iter().map(|row| row.nodes).collect::<Vec<_>>())?,
+            row_weights: Buffer::of(stream, &surface.rows.iter().map(|row| row.weights).collect::<Vec<_>>())?,
+            carried_start: Buffer::of(stream, &carried_start)?,
+            carried_vertex: Buffer::of(stream, &carried_vertex)?,
+            carried_weight: Buffer::of(stream, &carried_weight)?,
+            parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
+            near_bits: Buffer::zeros(stream, vertices.div_ceil(32))?,
+            near: Buffer::zeros(stream, MAX_NEAR)?,
+            counts: Buffer::zeros(stream, 8)?,
+            node_stamp: Buffer::zeros(stream, slots)?,
+            node_of: Buffer::zeros(stream, slots)?,
+            nodes: Buffer::zeros(stream, MAX_NODES)?,
+            mobility: Buffer::zeros(stream, MAX_NODES)?,
+            node_tag: Buffer::zeros(stream, MAX_NODES)?,
+            touched: Buffer::zeros(stream, MAX_NODES)?,
+            change: Buffer::zeros(stream, MAX_NODES)?,
+            impulse: Buffer::zeros(stream, vertices)?,
+            point_of: Buffer::zeros(stream, MAX_TOOLS * MAX_NEAR)?,
+            points: Buffer::zeros(stream, 2 * MAX_POINTS)?,
+            sums: Buffer::zeros(stream, MAX_TOOLS)?,
+            known_parts: Vec::new(),
+            model: model.clone(),
+        })
+    }
+
+    /// What contact will do in a step, and the device's record of every tool.
+    pub fn plan(&mut self, tools: &[ToolStep], substeps: u32) -> Result<(Plan, Vec<layout::ToolStep>)> {
+        let mut records = Vec::with_capacity(tools.len());
+        let mut parts = Vec::new();
+        let mut moves = 1.0_f64;
+        for tool in tools {
+            let feature = tool.desc.feature_m();
+            if self.longest_edge > 0.5 * feature {
+                return Err(Error::Unsupported(format!(
+                    "on a GPU, contact needs a surface whose edges ({} m) are at most half of a tool's smallest size ({feature} m)",
+                    self.longest_edge
+                )));
+            }
+            records.push(layout::ToolStep::of(tool, parts.len() as u32));
+            parts.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
+            let way = tool.path.reach(tool.desc.bounding_radius_m()) / f64::from(substeps);
+            moves = moves.max((way / (0.5 * feature)).ceil());
+        }
+        if parts != self.known_parts {
+            self.parts.write(0, &parts)?;
+            self.known_parts = parts;
+        }
+        Ok((Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32 }, records))
+    }
+
+    /// How far tissue may come to meet tools in a step, besides their own ways, when no node is faster than `speed`.
+    pub fn margin(&self, tools: &[ToolStep], speed: f64, duration: f64) -> f64 {
+        // Tissue that a tool pushes moves no faster than the tool.
+        let reach = tools.iter().map(|t| t.path.reach(t.desc.bounding_radius_m())).fold(0.0, f64::max);
+        speed * duration + reach + 0.5 * self.model.lattice().cell_m()
+    }
+
+    /// Largest push in one substep, in m.
+    pub fn push_limit(&self) -> f64 {
+        PUSH_LIMIT * self.model.lattice().cell_m()
+    }
+
+    fn contact(&self) -> layout::Contact {
+        layout::Contact {
+            vertices: self.vertices,
+            rest: self.rest.at(),
+            row_nodes: self.row_nodes.at(),
+            row_weights: self.row_weights.at(),
+            carried_start: self.carried_start.at(),
+            carried_vertex: self.carried_vertex.at(),
+            carried_weight: self.carried_weight.at(),
+            parts: self.parts.at(),
+            near_bits: self.near_bits.at(),
+            near: self.near.at(),
+            counts: self.counts.at(),
+            node_stamp: self.node_stamp.at(),
+            node_of: self.node_of.at(),
+            nodes: self.nodes.at(),
+            mobility: self.mobility.at(),
+            node_tag: self.node_tag.at(),
+            touched: self.touched.at(),
+            change: self.change.at(),
+            impulse: self.impulse.at(),
+            point_of: self.point_of.at(),
+            points: self.points.at(),
+            sums: self.sums.at(),
+        }
+    }
+
+    /// Asks the stream to list what tools may meet in the coming step.
+    ///
+    /// # Safety
+    /// `pass` is that of the step's first substep, and outlives the work.
+    pub unsafe fn list(&self, kernels: &Kernels, stream: &Stream, pass: &mut Pass) -> Result<()> {
+        let mut contact = self.contact();
+        let blocks = self.vertices.div_ceil(NEAR_THREADS);
+        let arguments = &mut [pointer(&mut contact), pointer(pass)];
+        // SAFETY: the kernels' arguments, as declared.
+        unsafe {
+            kernels.contact_near.launch(&stream.device, stream.handle, blocks, NEAR_THREADS, arguments)?;
+            kernels.contact_list.launch(&stream.device, stream.handle, 1, THREADS, arguments)
+        }
+    }
+
+    /// Asks the stream to push the tissue out of the tools at the end of a substep.
+    ///
+    /// # Safety
+    /// `pass` is that of the substep, and outlives the work.
+    pub unsafe fn resolve(
+        &self,
+        kernels: &Kernels,
+        stream: &Stream,
+        pass: &mut Pass,
+        plan: Plan,
+        substeps: u32,
+    ) -> Result<()> {
+        let mut contact = self.contact();
+        let begin = pass.substep - 1;
+        let fraction =
+            |step: u32| (f64::from(begin) + f64::from(step) / f64::from(plan.moves)) / f64::from(substeps);
+        for step in 1..=plan.moves {
+            let mut moment = Moment {
+                from: fraction(step - 1) as f32,
+                to: fraction(step) as f32,
+                substep: begin * plan.moves + step,
+                tissue_moves: u32::from(step == 1),
+                is_last: u32::from(step == plan.moves),
+            };
+            let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
+            // SAFETY: the kernel's arguments, as declared.
+            unsafe { kernels.contact_resolve.launch(&stream.device, stream.handle, 1, THREADS, arguments)? };
+        }
+        Ok(())
+    }
+
+    /// Counts and sums, for the report.
+    pub fn told(&self) -> [u64; 2] {
+        [self.counts.at(), self.sums.at()]
+    }
+
+    /// The contacts of one tool in the last substep, model frame; `origin` is where it is.
+    pub fn contacts_of(&self, tool: u32, origin: Vec3, dt: f64) -> Result<Vec<Contact>> {
+        let mut counts = [0; 5];
+        self.counts.read(0, &mut counts)?;
+        let [.., points, tag] = counts;
+        let mut found = vec![Point::default(); points as usize];
+        self.points.read((tag as usize & 1) * MAX_POINTS, &mut found)?;
+        let mut near = vec![0; MAX_NEAR];
+        self.near.read(0, &mut near)?;
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        let vector = |v: [f32; 3]| Vec3::from(v.map(f64::from));
+        let mine = found.iter().filter(|p| p.tool == tool && p.push > 0.0);
+        Ok(mine
+            .map(|p| Contact {
+                point_m: origin + vector(p.at),
+                normal: vector(p.normal),
+                depth_m: f64::from(p.depth),
+                force_n: (vector(p.normal) * f64::from(p.push) + vector(p.drag)) / dt,
+                material: surface.materials[near[p.near as usize] as usize],
+            })
+            .collect())
+    }
+
+    /// Forgets all contacts.
+    pub fn clear(&self) -> Result<()> {
+        self.counts.clear()?;
+        self.node_stamp.clear()?;
+        self.impulse.clear()
+    }
+}

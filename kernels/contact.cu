@@ -8,10 +8,10 @@
 
 namespace {
 
-constexpr int THREADS = 512;
+constexpr int THREADS = 1024;
 constexpr int WARPS = THREADS / 32;
 // Iterations for the impulses.
-constexpr int ITERATIONS = 12;
+constexpr int ITERATIONS = 8;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
 constexpr uint32_t NONE = ~0u;
@@ -20,7 +20,6 @@ constexpr uint32_t NONE = ~0u;
 enum Count { NEAR, NODES, DROPPED, POINTS, TAG, TOUCHED };
 
 __device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
-__device__ void put(float* to, Vec v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 
 // A tool at an instant of the step.
 struct View {
@@ -40,12 +39,24 @@ __device__ Vec from_tool(const float* rest, const View& view) {
     return {float(double(rest[0]) - view.at[0]), float(double(rest[1]) - view.at[1]), float(double(rest[2]) - view.at[2])};
 }
 
+// The nodes that carry a vertex.
+struct NodeRow {
+    uint32_t node[8];
+    float weight[8];
+};
+
+__device__ NodeRow row_of(const Contact& c, uint32_t vertex) {
+    const uint4 a = c.row_nodes[2 * vertex], b = c.row_nodes[2 * vertex + 1];
+    const float4 p = c.row_weights[2 * vertex], q = c.row_weights[2 * vertex + 1];
+    return {{a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w}, {p.x, p.y, p.z, p.w, q.x, q.y, q.z, q.w}};
+}
+
 __device__ Vec displacement(const Contact& c, const float4* u, uint32_t vertex) {
+    const NodeRow row = row_of(c, vertex);
     Vec sum{0, 0, 0};
     for (int i = 0; i < 8; ++i) {
-        const float w = c.row_weights[8 * vertex + i];
-        const float4 d = u[c.row_nodes[8 * vertex + i]];
-        sum = sum + Vec{d.x, d.y, d.z} * w;
+        const float4 d = u[row.node[i]];
+        sum = sum + Vec{d.x, d.y, d.z} * row.weight[i];
     }
     return sum;
 }
@@ -120,7 +131,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_list(const __grid_
     __syncthreads();
     count = c.counts[NEAR];
     for (uint32_t i = threadIdx.x; i < 8 * count; i += THREADS) {
-        const uint32_t slot = c.row_nodes[8 * c.near[i / 8] + i % 8];
+        const uint32_t slot = reinterpret_cast<const uint32_t*>(c.row_nodes)[8 * c.near[i / 8] + i % 8];
         if (atomicExch(&c.node_stamp[slot], stamp) == stamp) continue;
         const uint32_t node = atomicAdd(&nodes, 1);
         if (node >= MAX_NODES) {
@@ -147,58 +158,71 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_list(const __grid_
 struct Moment {
     // The fraction of the step at its start and end.
     float from, to;
-    uint32_t substep;
     // Whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
     uint32_t tissue_moves, is_last;
 };
 
 namespace {
 
-// Impulses of all points on a vertex, in the order of the tools.
-__device__ void sum_impulse(const Contact& c, const Point* points, uint32_t tools, uint32_t near) {
-    float4 sum = make_float4(0, 0, 0, 0);
-    for (uint32_t t = 0; t < tools; ++t) {
-        const uint32_t point = c.point_of[t * MAX_NEAR + near];
-        if (point == NONE) continue;
-        const Point& p = points[point];
-        const Vec j = vec(p.normal) * p.push + vec(p.drag);
-        if (p.movable) sum = make_float4(sum.x + j.x, sum.y + j.y, sum.z + j.z, sum.w + 1.0f);
-    }
-    c.impulse[c.near[near]] = sum;
+// What iterations exchange: a point's impulse, and what it makes of the velocity of the nodes.
+struct Exchange {
+    float4 impulse[MAX_POINTS];
+    float4 change[MAX_TOUCHED];
+    // Before the first change is known: how many points a node carries, and where the next one is put.
+    __device__ uint32_t* length(uint32_t j) { return reinterpret_cast<uint32_t*>(&change[j].x); }
+    __device__ uint32_t* place(uint32_t j) { return reinterpret_cast<uint32_t*>(&change[j].y); }
+};
+
+// The points of one time.
+struct Points {
+    float* field;
+    __device__ float& at(int f, uint32_t k) const { return field[f * MAX_POINTS + k]; }
+    __device__ uint32_t& word(int f, uint32_t k) const { return reinterpret_cast<uint32_t*>(field)[f * MAX_POINTS + k]; }
+    __device__ Vec vec(int f, uint32_t k) const { return {at(f, k), at(f + 1, k), at(f + 2, k)}; }
+    __device__ void put(int f, uint32_t k, Vec v) const { at(f, k) = v.x, at(f + 1, k) = v.y, at(f + 2, k) = v.z; }
+};
+
+// The point of a tool on a vertex at a time that `tag` names, if there is one.
+__device__ uint32_t find_point(const Contact& c, Points points, uint32_t vertex, uint32_t tag, uint32_t tool) {
+    if (c.head_tag[vertex] != tag) return NONE;
+    uint32_t at = c.head[vertex];
+    while (at != NONE && points.word(TOOL, at) != tool) at = points.word(NEXT, at);
+    return at;
 }
 
-// Changes of the nodes' velocities by the points' impulses; with `counting`, how much a unit impulse on every point would move them at
-// most.
-__device__ void give_to_nodes(const Contact& c, uint32_t nodes, bool counting) {
-    for (uint32_t i = threadIdx.x; i < nodes; i += THREADS) {
-        const uint32_t node = c.touched[i], slot = c.nodes[node];
-        const float4 mobility = c.mobility[node];
-        float4 sum = make_float4(0, 0, 0, 0);
-        const uint32_t end = c.carried_start[slot + 1];
-        for (uint32_t at = c.carried_start[slot]; at < end; ++at) {
-            const float4 j = c.impulse[c.carried_vertex[at]];
-            const float w = c.carried_weight[at];
-            sum = make_float4(sum.x + w * j.x, sum.y + w * j.y, sum.z + w * j.z, sum.w + fabsf(w) * j.w);
+// Appends a point to its vertex's list. One thread cares for a vertex, tool after tool.
+__device__ void link(const Contact& c, Points points, uint32_t vertex, uint32_t tag, uint32_t point) {
+    if (c.head_tag[vertex] != tag) {
+        c.head_tag[vertex] = tag;
+        c.head[vertex] = point;
+        return;
+    }
+    uint32_t at = c.head[vertex];
+    while (points.word(NEXT, at) != NONE) at = points.word(NEXT, at);
+    points.word(NEXT, at) = point;
+}
+
+// Changes of the nodes' velocities by the points' impulses.
+__device__ void give_to_nodes(const Contact& c, Exchange& s, uint32_t nodes) {
+    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
+        const float4 mobility = c.touched_mobility[j];
+        Vec sum{0, 0, 0};
+        const uint32_t end = c.entry_start[j + 1];
+        for (uint32_t e = c.entry_start[j]; e < end; ++e) {
+            const uint2 entry = c.entries[e];
+            const float4 impulse = s.impulse[entry.x];
+            sum = sum + Vec{impulse.x, impulse.y, impulse.z} * __uint_as_float(entry.y);
         }
-        const float most = fmaxf(mobility.x, fmaxf(mobility.y, mobility.z));
-        const float reach = counting ? sum.w * most : c.change[node].w;
-        c.change[node] = make_float4(sum.x * mobility.x, sum.y * mobility.y, sum.z * mobility.z, reach);
+        s.change[j] = make_float4(sum.x * mobility.x, sum.y * mobility.y, sum.z * mobility.z, 0.0f);
     }
-}
-
-__device__ Vec change_at(const Contact& c, const Point& p) {
-    Vec sum{0, 0, 0};
-    for (int i = 0; i < 8; ++i) {
-        const float4 d = c.change[p.nodes[i]];
-        sum = sum + Vec{d.x, d.y, d.z} * p.weights[i];
-    }
-    return sum;
 }
 
 }  // namespace
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     contact_resolve(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
+    extern __shared__ Exchange exchange[];
+    Exchange& s = *exchange;
     if (*pass.diverged_at <= pass.substep) return;
     const uint32_t near_count = c.counts[NEAR];
     const Step& step = *pass.step;
@@ -213,156 +237,217 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __syncthreads();
     const uint32_t tag = c.counts[TAG] + 1;
     // Points live twice: those of now, and those of the last time.
-    Point* const points = c.points + (tag & 1) * MAX_POINTS;
-    const Point* const last_points = c.points + (~tag & 1) * MAX_POINTS;
+    const Points points{c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS};
+    const Points last_points{c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS};
 
     // Find the points inside tools, in the order of tools and vertices.
-    uint32_t count = 0, dropped = 0;
+    uint32_t count = 0;
     for (uint32_t t = 0; t < tools; ++t) {
         const ToolStep& tool = step.tools[t];
         for (uint32_t first = 0; first < near_count; first += THREADS) {
             const uint32_t near = first + threadIdx.x;
-            Point p;
             Distance met{1.0f, {0, 0, 1}};
-            uint32_t vertex = 0, was = NONE;
+            Vec at{0, 0, 0}, normal{0, 0, 1};
+            float travel = 0.0f;
+            uint32_t vertex = 0;
             if (near < near_count) {
                 vertex = c.near[near];
                 const float* rest = c.rest + 3 * vertex;
-                const Vec at = from_tool(rest, now[t]) + displacement(c, pass.u_next, vertex);
+                const Vec moved = displacement(c, pass.u_next, vertex);
+                at = from_tool(rest, now[t]) + moved;
                 const Vec local = rotate(conjugate(now[t].turn), at);
-                // Where it came from, as the tool sees it.
-                const Vec start = from_tool(rest, before[t]) + displacement(c, moment.tissue_moves ? pass.u : pass.u_next, vertex);
-                const Vec local_start = rotate(conjugate(before[t].turn), start);
-                p.travel = norm(local - local_start);
-                if (p.travel > tool.spacing) {
-                    met = meet(c.parts + tool.part, tool.part_count, local_start, local, p.travel / tool.spacing);
+                // Where it came from, as the tool sees it; that matters only if it may have come far.
+                const Vec came = moment.tissue_moves && step.may_jump ? displacement(c, pass.u, vertex) : moved;
+                const Vec start = rotate(conjugate(before[t].turn), from_tool(rest, before[t]) + came);
+                travel = norm(local - start);
+                if (travel > tool.spacing) {
+                    met = meet(c.parts + tool.part, tool.part_count, start, local, travel / tool.spacing);
                 } else if (dot(at, at) < tool.radius * tool.radius) {
                     met = tool_distance(c.parts + tool.part, tool.part_count, local);
                 }
-                put(p.at, at);
-                p.depth = -met.distance;
-                put(p.normal, rotate(now[t].turn, met.normal));
+                normal = rotate(now[t].turn, met.normal);
             }
             const bool inside = met.distance < 0.0f;
             uint32_t total;
-            uint32_t place = count + scan(inside, total);
-            if (inside && place >= MAX_POINTS) dropped = 1;
-            if (near < near_count) {
-                was = c.point_of[t * MAX_NEAR + near];
-                c.point_of[t * MAX_NEAR + near] = inside && place < MAX_POINTS ? place : NONE;
-            }
-            if (inside && place < MAX_POINTS) {
-                p.near = near;
-                p.tool = t;
-                const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
-                put(p.tool_velocity, (linear + cross(vec(tool.turn), vec(p.at))) * (1.0f / step.duration));
-                Vec velocity{0, 0, 0};
-                const Vec n = vec(p.normal);
-                float free = 0.0f, all = 0.0f, fastest = 0.0f;
-                for (int i = 0; i < 8; ++i) {
-                    const uint32_t slot = c.row_nodes[8 * vertex + i], node = c.node_of[slot];
-                    const float w = c.row_weights[8 * vertex + i];
-                    p.nodes[i] = node;
-                    p.weights[i] = w;
-                    const size_t v = velocity_at(slot);
-                    velocity = velocity + Vec{pass.v_next[v], pass.v_next[v + BRICK_NODES], pass.v_next[v + 2 * BRICK_NODES]} * w;
-                    const float4 m = c.mobility[node];
-                    free += w * w * (m.x * n.x * n.x + m.y * n.y * n.y + m.z * n.z * n.z);
-                    all += w * w * m.w;
-                    fastest = fmaxf(fastest, fabsf(w) * fmaxf(m.x, fmaxf(m.y, m.z)));
-                }
-                p.movable = free > MOVABLE * all;
-                p.mass = 1.0f / (p.movable ? free : all);
-                const float lever = 1.0f / fmaxf(1.0f, fastest * p.mass);
-                p.target = fminf(p.depth, (step.push_limit + p.travel) * lever) / step.dt;
-                put(p.before, velocity);
-                // It stays inside the tool: of several moves in a substep the last alone counts.
-                p.push = p.movable || !moment.is_last ? 0.0f : p.mass * p.depth / step.dt;
-                put(p.drag, {0, 0, 0});
-                // The last substep's impulses are a good guess, if this list is still the same.
-                if (p.movable && moment.substep > 1 && was != NONE) {
-                    const Point& last = last_points[was];
-                    const Vec drag = vec(last.drag);
-                    p.push = last.push;
-                    put(p.drag, drag - n * dot(drag, n));
-                }
-                p.last_push = p.push;
-                put(p.last_drag, vec(p.drag));
-                points[place] = p;
-            }
+            const uint32_t place = count + scan(inside, total);
             count = min(count + total, uint32_t(MAX_POINTS));
+            if (inside && place >= MAX_POINTS) atomicAdd(&c.counts[DROPPED], 1);
+            if (!inside || place >= MAX_POINTS) continue;
+
+            points.word(VERTEX, place) = vertex;
+            points.word(TOOL, place) = t;
+            points.word(NEXT, place) = NONE;
+            points.put(AT, place, at);
+            points.put(NORMAL, place, normal);
+            points.at(DEPTH, place) = -met.distance;
+            const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
+            const Vec tool_velocity = (linear + cross(vec(tool.turn), at)) * (1.0f / step.duration);
+            points.put(TOOL_VELOCITY, place, tool_velocity);
+            const NodeRow row = row_of(c, vertex);
+            Vec velocity{0, 0, 0};
+            float free = 0.0f, all = 0.0f, fastest = 0.0f;
+            uint32_t node_at[8], old_tag[8];
+#pragma unroll
+            for (int i = 0; i < 8; ++i) {
+                const uint32_t node = c.node_of[row.node[i]];
+                const float w = row.weight[i];
+                const size_t v = velocity_at(row.node[i]);
+                velocity = velocity + Vec{pass.v_next[v], pass.v_next[v + BRICK_NODES], pass.v_next[v + 2 * BRICK_NODES]} * w;
+                const float4 m = c.mobility[node];
+                free += w * w * (m.x * normal.x * normal.x + m.y * normal.y * normal.y + m.z * normal.z * normal.z);
+                all += w * w * m.w;
+                fastest = fmaxf(fastest, fabsf(w) * fmaxf(m.x, fmaxf(m.y, m.z)));
+                points.at(WEIGHTS + i, place) = w;
+                points.word(NODE + i, place) = node;
+                node_at[i] = node;
+                old_tag[i] = w != 0.0f ? atomicExch(&c.node_tag[node], tag) : tag;
+            }
+            // The nodes that carry points, each once.
+            for (int i = 0; i < 8; ++i) {
+                if (old_tag[i] == tag) continue;
+                const uint32_t j = atomicAdd(&touched, 1);
+                if (j < MAX_TOUCHED) c.touched[j] = node_at[i];
+                c.touched_at[node_at[i]] = min(j, uint32_t(MAX_TOUCHED - 1));
+            }
+            const bool movable = free > MOVABLE * all;
+            const float mass = 1.0f / (movable ? free : all);
+            const float lever = 1.0f / fmaxf(1.0f, fastest * mass);
+            points.word(IS_MOVABLE, place) = movable;
+            points.at(TARGET, place) = fminf(-met.distance, (step.push_limit + travel) * lever) / step.dt;
+            points.put(BEFORE, place, velocity - tool_velocity);
+            // What cannot move stays inside the tool: of several moves in a substep the last alone counts.
+            float push = movable || !moment.is_last ? 0.0f : mass * -met.distance / step.dt;
+            Vec drag{0, 0, 0};
+            // The last substep's impulses are a good guess.
+            const uint32_t was = find_point(c, last_points, vertex, tag - 1, t);
+            if (movable && was != NONE) {
+                push = last_points.at(PUSH, was);
+                drag = last_points.vec(DRAG, was);
+                drag = drag - normal * dot(drag, normal);
+            }
+            points.at(PUSH, place) = push;
+            points.put(DRAG, place, drag);
+            link(c, points, vertex, tag, place);
         }
     }
-    if (dropped) atomicAdd(&c.counts[DROPPED], 1);
     if (threadIdx.x == 0) {
         c.counts[POINTS] = count;
         c.counts[TAG] = tag;
     }
     if (count == 0) return;
     __syncthreads();
+    const uint32_t nodes = min(touched, uint32_t(MAX_TOUCHED));
+    if (threadIdx.x == 0 && touched > nodes) atomicAdd(&c.counts[DROPPED], 1);
 
-    // The nodes that carry them, each once.
-    for (uint32_t i = threadIdx.x; i < 8 * count; i += THREADS) {
-        const uint32_t node = points[i / 8].nodes[i % 8];
-        if (atomicExch(&c.node_tag[node], tag) != tag) c.touched[atomicAdd(&touched, 1)] = node;
+    // The points that each of these nodes carries: counted, placed, and then brought into their order.
+    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
+        s.change[j] = make_float4(0, 0, 0, 0);
+        c.touched_mobility[j] = c.mobility[c.touched[j]];
     }
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) sum_impulse(c, points, tools, points[k].near);
-    __syncthreads();
-    const uint32_t nodes = touched;
-    give_to_nodes(c, nodes, true);
     __syncthreads();
     for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        Point& p = points[k];
-        if (!p.movable) continue;
-        float reach = 0.0f;
-        for (int i = 0; i < 8; ++i) reach += fabsf(p.weights[i]) * c.change[p.nodes[i]].w;
-        p.mass = 1.0f / reach;
+        const bool movable = points.word(IS_MOVABLE, k);
+#pragma unroll
+        for (int i = 0; i < 8; ++i) {
+            const float w = points.at(WEIGHTS + i, k);
+            // A node without weight may be none of these.
+            const uint32_t j = w != 0.0f ? c.touched_at[points.word(NODE + i, k)] : 0;
+            points.word(NODE + i, k) = j;
+            if (movable && w != 0.0f) atomicAdd(s.length(j), 1);
+        }
     }
+    __syncthreads();
+    uint32_t entries = 0;
+    for (uint32_t first = 0; first < nodes; first += THREADS) {
+        const uint32_t j = first + threadIdx.x, mine = j < nodes ? *s.length(j) : 0;
+        uint32_t total;
+        const uint32_t start = entries + scan(mine, total);
+        entries += total;
+        if (j < nodes) {
+            c.entry_start[j] = start;
+            *s.place(j) = start;
+        }
+        if (j + 1 == nodes) c.entry_start[nodes] = start + mine;
+    }
+    __syncthreads();
+    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        if (!points.word(IS_MOVABLE, k)) continue;
+        for (int i = 0; i < 8; ++i) {
+            const float w = points.at(WEIGHTS + i, k);
+            if (w != 0.0f) c.entries[atomicAdd(s.place(points.word(NODE + i, k)), 1)] = make_uint2(k, __float_as_uint(w));
+        }
+    }
+    __syncthreads();
+    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
+        const uint32_t start = c.entry_start[j], end = start + *s.length(j);
+        float reach = 0.0f;
+        for (uint32_t e = start; e < end; ++e) {
+            const uint2 entry = c.entries[e];
+            reach += fabsf(__uint_as_float(entry.y));
+            uint32_t to = e;
+            for (; to > start && c.entries[to - 1].x > entry.x; --to) c.entries[to] = c.entries[to - 1];
+            c.entries[to] = entry;
+        }
+        const float4 m = c.touched_mobility[j];
+        s.change[j].w = reach * fmaxf(m.x, fmaxf(m.y, m.z));
+    }
+    __syncthreads();
+    // How much all points together move each one at most: an impulse scaled by that never overshoots.
+    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        float reach = 0.0f;
+        for (int i = 0; i < 8; ++i) reach += fabsf(points.at(WEIGHTS + i, k)) * s.change[points.word(NODE + i, k)].w;
+        const bool movable = points.word(IS_MOVABLE, k);
+        const float push = points.at(PUSH, k);
+        const Vec drag = points.vec(DRAG, k);
+        points.at(MASS, k) = movable ? 1.0f / reach : 0.0f;
+        points.at(LAST_PUSH, k) = push;
+        points.put(LAST_DRAG, k, drag);
+        const Vec j = movable ? points.vec(NORMAL, k) * push + drag : Vec{0, 0, 0};
+        s.impulse[k] = make_float4(j.x, j.y, j.z, 0.0f);
+    }
+    __syncthreads();
 
     // Impulses that put every point on its tool.
     for (int iteration = 0; iteration < ITERATIONS; ++iteration) {
-        const float momentum = iteration == 0 ? 0.0f : float(iteration - 1) / float(iteration + 2);
-        // Where momentum carries the impulses.
+        give_to_nodes(c, s, nodes);
+        __syncthreads();
+        const float momentum = iteration + 1 == ITERATIONS ? 0.0f : float(iteration) / float(iteration + 3);
         for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-            Point& p = points[k];
-            const float push = p.push;
-            const Vec drag = vec(p.drag);
-            p.push = push + (push - p.last_push) * momentum;
-            put(p.drag, drag + (drag - vec(p.last_drag)) * momentum);
-            p.last_push = push;
-            put(p.last_drag, drag);
-        }
-        __syncthreads();
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) sum_impulse(c, points, tools, points[k].near);
-        __syncthreads();
-        give_to_nodes(c, nodes, false);
-        __syncthreads();
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-            Point& p = points[k];
-            if (!p.movable) continue;
-            const Vec n = vec(p.normal), change = change_at(c, p);
+            if (!points.word(IS_MOVABLE, k)) continue;
+            const Vec n = points.vec(NORMAL, k);
+            Vec change{0, 0, 0};
+            for (int i = 0; i < 8; ++i) {
+                const float4 d = s.change[points.word(NODE + i, k)];
+                change = change + Vec{d.x, d.y, d.z} * points.at(WEIGHTS + i, k);
+            }
             // Along the normal: the rest of the depth, by pushing alone.
-            p.push = fmaxf(p.push + p.mass * (p.target - dot(change, n)), 0.0f);
+            const float mass = points.at(MASS, k);
+            const float push = fmaxf(points.at(PUSH, k) + mass * (points.at(TARGET, k) - dot(change, n)), 0.0f);
             // Across it: with the tool, inside Coulomb's cone.
-            Vec slip = vec(p.before) + change - vec(p.tool_velocity);
+            Vec slip = points.vec(BEFORE, k) + change;
             slip = slip - n * dot(slip, n);
-            Vec drag = vec(p.drag) - slip * p.mass;
-            drag = drag - n * dot(drag, n);
-            const float cone = step.tools[p.tool].friction * p.push, size = norm(drag);
+            Vec drag = points.vec(DRAG, k) - slip * mass;
+            const float cone = step.tools[points.word(TOOL, k)].friction * push, size = norm(drag);
             if (size > cone) drag = drag * (cone / size);
-            put(p.drag, drag);
+            // Where momentum carries the impulses.
+            const float next_push = push + (push - points.at(LAST_PUSH, k)) * momentum;
+            const Vec next_drag = drag + (drag - points.vec(LAST_DRAG, k)) * momentum;
+            points.at(LAST_PUSH, k) = push;
+            points.put(LAST_DRAG, k, drag);
+            points.at(PUSH, k) = next_push;
+            points.put(DRAG, k, next_drag);
+            const Vec j = n * next_push + next_drag;
+            s.impulse[k] = make_float4(j.x, j.y, j.z, 0.0f);
         }
         __syncthreads();
     }
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) sum_impulse(c, points, tools, points[k].near);
-    __syncthreads();
-    give_to_nodes(c, nodes, false);
+    give_to_nodes(c, s, nodes);
     __syncthreads();
 
     // What the nodes receive.
-    for (uint32_t i = threadIdx.x; i < nodes; i += THREADS) {
-        const uint32_t node = c.touched[i], slot = c.nodes[node];
-        const float4 change = c.change[node];
+    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
+        const uint32_t slot = c.nodes[c.touched[j]];
+        const float4 change = s.change[j];
         const size_t v = velocity_at(slot);
         pass.v_next[v] += change.x;
         pass.v_next[v + BRICK_NODES] += change.y;
@@ -373,35 +458,30 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         u.z += change.z * step.dt;
     }
 
-    // What the tools receive: every thread its points, then the threads as a tree.
-    __shared__ double parts[7][THREADS];
+    // What the tools receive: every thread its points, a warp as a tree, then the warps in order.
+    __shared__ double parts[7][WARPS];
     for (uint32_t t = 0; t < tools; ++t) {
         double mine[7] = {};
         for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-            const Point& p = points[k];
-            if (p.tool != t || p.push <= 0.0f) continue;
-            const Vec j = vec(p.normal) * p.push + vec(p.drag), m = cross(vec(p.at), j);
+            const float push = points.at(PUSH, k);
+            if (points.word(TOOL, k) != t || push <= 0.0f) continue;
+            const Vec j = points.vec(NORMAL, k) * push + points.vec(DRAG, k), m = cross(points.vec(AT, k), j);
             mine[0] -= j.x, mine[1] -= j.y, mine[2] -= j.z;
             mine[3] -= m.x, mine[4] -= m.y, mine[5] -= m.z;
-            mine[6] += dot(j, vec(p.tool_velocity));
+            mine[6] += dot(j, points.vec(TOOL_VELOCITY, k));
         }
         __syncthreads();
-        for (int i = 0; i < 7; ++i) parts[i][threadIdx.x] = mine[i];
-        for (int half = THREADS / 2; half > 0; half /= 2) {
-            __syncthreads();
-            if (threadIdx.x < half) {
-                for (int i = 0; i < 7; ++i) parts[i][threadIdx.x] += parts[i][threadIdx.x + half];
-            }
+        for (int i = 0; i < 7; ++i) {
+            for (int half = 16; half > 0; half /= 2) mine[i] += __shfl_down_sync(~0u, mine[i], half);
+            if ((threadIdx.x & 31) == 0) parts[i][threadIdx.x / 32] = mine[i];
         }
-        if (threadIdx.x == 0) {
-            ToolSum& sum = c.sums[t];
-            for (int a = 0; a < 3; ++a) {
-                sum.impulse[a] += parts[a][0];
-                sum.moment[a] += parts[3 + a][0];
-            }
-            sum.work += parts[6][0];
+        __syncthreads();
+        if (threadIdx.x < 7) {
+            double sum = 0.0;
+            for (int w = 0; w < WARPS; ++w) sum += parts[threadIdx.x][w];
+            ToolSum& told = c.sums[t];
+            double* const to = threadIdx.x < 3 ? told.impulse + threadIdx.x : threadIdx.x < 6 ? told.moment + (threadIdx.x - 3) : &told.work;
+            *to += sum;
         }
     }
-    // Vertices that are no points any more must give nothing.
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) c.impulse[c.near[points[k].near]] = make_float4(0, 0, 0, 0);
 }

@@ -17,7 +17,9 @@ struct Law {
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
 // Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
-constexpr int MAX_POINTS = 4096, MAX_NEAR = 32768, MAX_NODES = 65536;
+constexpr int MAX_POINTS = 2048, MAX_NEAR = 32768, MAX_NODES = 65536;
+// Most nodes that carry contact points.
+constexpr int MAX_TOUCHED = 3584;
 
 // A tool during one step. Model frame.
 struct ToolStep {
@@ -51,6 +53,9 @@ struct Step {
     float duration;
     // Largest push in one substep beside the tools' own motion, in m.
     float push_limit;
+    // Whether tissue may come so far in one substep that its way matters.
+    uint32_t may_jump;
+    uint32_t reserved;
     ToolStep tools[MAX_TOOLS];
 };
 
@@ -105,40 +110,42 @@ struct Pass {
     uint32_t mark;
 };
 
-// A point of the surface inside a tool.
-struct Point {
-    // Place in the list of near vertices, and the tool.
-    uint32_t near, tool;
-    // From the tool's origin, model axes.
-    float at[3];
-    // Out of the tool.
-    float normal[3];
-    float depth, travel;
-    float tool_velocity[3];
-    // Velocity of the tissue without contact.
-    float before[3];
-    // 1 / the sum of what this point's impulse moves, by the worst of its neighbours' too.
-    float mass;
-    // Impulse on the tissue in N s, along the normal and across it; and before the last iteration.
-    float push, drag[3];
-    float last_push, last_drag[3];
-    float target;
+// A point of the surface inside a tool: places of its fields, each an array over the points.
+enum PointField {
+    VERTEX,
+    TOOL,
+    // The next tool's point on the same vertex.
+    NEXT,
     // 0 where held nodes alone carry it.
-    uint32_t movable;
-    uint32_t nodes[8];
-    float weights[8];
+    IS_MOVABLE,
+    // From the tool's origin, model axes.
+    AT,
+    DEPTH = AT + 3,
+    // Out of the tool.
+    NORMAL,
+    // How fast it must be pushed out, m/s.
+    TARGET = NORMAL + 3,
+    TOOL_VELOCITY,
+    // 1 / what all points together move this one by, at most.
+    MASS = TOOL_VELOCITY + 3,
+    // Velocity of the tissue without contact, seen from the tool.
+    BEFORE,
+    // Impulse on the tissue in N s, along the normal and across it; and that of the last iteration.
+    PUSH = BEFORE + 3,
+    DRAG,
+    LAST_PUSH = DRAG + 3,
+    LAST_DRAG,
+    NODE = LAST_DRAG + 3,
+    WEIGHTS = NODE + 8,
+    POINT_FIELDS = WEIGHTS + 8,
 };
 
 // Contact of one surface.
 struct Contact {
     uint32_t vertices;
     const float* rest;          // [3 * vertices]
-    const uint32_t* row_nodes;  // [8 * vertices]: slots
-    const float* row_weights;   // [8 * vertices]
-    // The vertices that a slot carries: ranges [slots + 1], and vertex and weight.
-    const uint32_t* carried_start;
-    const uint32_t* carried_vertex;
-    const float* carried_weight;
+    const uint4* row_nodes;     // [2 * vertices]: slots
+    const float4* row_weights;  // [2 * vertices]
     const Part* parts;
     // Near vertices: a bit each, and their list.
     uint32_t* near_bits;
@@ -150,10 +157,15 @@ struct Contact {
     uint32_t* nodes;
     float4* mobility;
     uint32_t* node_tag;
+    uint32_t* touched_at;
+    // Nodes that carry points, and for each the points: ranges [MAX_TOUCHED + 1], and point and weight.
     uint32_t* touched;
-    float4* change;  // of velocity, and what neighbours make of it
-    float4* impulse;  // [vertices]; w counts points
-    uint32_t* point_of;  // [MAX_TOOLS][MAX_NEAR]
-    Point* points;
+    float4* touched_mobility;
+    uint32_t* entry_start;
+    uint2* entries;
+    // The first point on each vertex, at the time that the tag names.
+    uint32_t* head_tag;
+    uint32_t* head;
+    float* points;  // [2][POINT_FIELDS][MAX_POINTS]
     ToolSum* sums;
 };

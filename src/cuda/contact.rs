@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::kernels::Kernels;
-use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, Moment, Part, Pass, Point, ToolSum};
+use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, MAX_TOUCHED, Moment, Part, Pass, ToolSum, point};
 use super::memory::{Buffer, Stream};
 use super::pointer;
 use crate::error::{Error, Result};
@@ -16,9 +16,13 @@ use crate::solver::tool::{Contact, MAX_PARTS};
 
 /// Threads of a block of `contact_near`, and of the one block of `contact_list` and `contact_resolve`.
 const NEAR_THREADS: u32 = 256;
-const THREADS: u32 = 512;
+const THREADS: u32 = 1024;
+/// Shared memory of `contact_resolve`.
+pub(super) const EXCHANGE_BYTES: u32 = ((MAX_POINTS + MAX_TOUCHED) * 16) as u32;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
+/// Share of a tool's feature that the tissue may travel in a substep before its way matters.
+const JUMP: f64 = 0.125;
 /// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
 
@@ -31,9 +35,6 @@ pub struct ContactSurface {
     rest: Buffer<[f32; 3]>,
     row_nodes: Buffer<[u32; ROW]>,
     row_weights: Buffer<[f32; ROW]>,
-    carried_start: Buffer<u32>,
-    carried_vertex: Buffer<u32>,
-    carried_weight: Buffer<f32>,
     parts: Buffer<Part>,
     near_bits: Buffer<u32>,
     near: Buffer<u32>,
@@ -43,11 +44,14 @@ pub struct ContactSurface {
     nodes: Buffer<u32>,
     mobility: Buffer<[f32; 4]>,
     node_tag: Buffer<u32>,
+    touched_at: Buffer<u32>,
     touched: Buffer<u32>,
-    change: Buffer<[f32; 4]>,
-    impulse: Buffer<[f32; 4]>,
-    point_of: Buffer<u32>,
-    points: Buffer<Point>,
+    touched_mobility: Buffer<[f32; 4]>,
+    entry_start: Buffer<u32>,
+    entries: Buffer<[u32; 2]>,
+    head_tag: Buffer<u32>,
+    head: Buffer<u32>,
+    points: Buffer<f32>,
     sums: Buffer<ToolSum>,
     /// The parts that lie in `parts`, tool by tool.
     known_parts: Vec<Part>,
@@ -71,26 +75,6 @@ impl ContactSurface {
         let rest: Vec<[f32; 3]> =
             surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect();
 
-        // The vertices that each node carries, ascending.
-        let carries = || {
-            let rows = surface.rows.iter().enumerate();
-            rows.flat_map(|(v, row)| (0..ROW).map(move |i| (row.nodes[i], v as u32, row.weights[i])))
-                .filter(|(_, _, weight)| *weight != 0.0)
-        };
-        let mut carried_start = vec![0_u32; slots + 1];
-        carries().for_each(|(slot, _, _)| carried_start[slot as usize + 1] += 1);
-        for slot in 0..slots {
-            carried_start[slot + 1] += carried_start[slot];
-        }
-        let count = carried_start[slots] as usize;
-        let (mut carried_vertex, mut carried_weight) = (vec![0_u32; count], vec![0.0_f32; count]);
-        let mut next = carried_start.clone();
-        for (slot, vertex, weight) in carries() {
-            let at = next[slot as usize] as usize;
-            next[slot as usize] += 1;
-            (carried_vertex[at], carried_weight[at]) = (vertex, weight);
-        }
-
         let longest_edge = surface
             .triangles
             .iter()
@@ -103,9 +87,6 @@ impl ContactSurface {
             rest: Buffer::of(stream, &rest)?,
             row_nodes: Buffer::of(stream, &surface.rows.iter().map(|row| row.nodes).collect::<Vec<_>>())?,
             row_weights: Buffer::of(stream, &surface.rows.iter().map(|row| row.weights).collect::<Vec<_>>())?,
-            carried_start: Buffer::of(stream, &carried_start)?,
-            carried_vertex: Buffer::of(stream, &carried_vertex)?,
-            carried_weight: Buffer::of(stream, &carried_weight)?,
             parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
             near_bits: Buffer::zeros(stream, vertices.div_ceil(32))?,
             near: Buffer::zeros(stream, MAX_NEAR)?,
@@ -115,11 +96,14 @@ impl ContactSurface {
             nodes: Buffer::zeros(stream, MAX_NODES)?,
             mobility: Buffer::zeros(stream, MAX_NODES)?,
             node_tag: Buffer::zeros(stream, MAX_NODES)?,
-            touched: Buffer::zeros(stream, MAX_NODES)?,
-            change: Buffer::zeros(stream, MAX_NODES)?,
-            impulse: Buffer::zeros(stream, vertices)?,
-            point_of: Buffer::zeros(stream, MAX_TOOLS * MAX_NEAR)?,
-            points: Buffer::zeros(stream, 2 * MAX_POINTS)?,
+            touched_at: Buffer::zeros(stream, MAX_NODES)?,
+            touched: Buffer::zeros(stream, MAX_TOUCHED)?,
+            touched_mobility: Buffer::zeros(stream, MAX_TOUCHED)?,
+            entry_start: Buffer::zeros(stream, MAX_TOUCHED + 1)?,
+            entries: Buffer::zeros(stream, MAX_POINTS * ROW)?,
+            head_tag: Buffer::zeros(stream, vertices)?,
+            head: Buffer::zeros(stream, vertices)?,
+            points: Buffer::zeros(stream, 2 * point::FIELDS * MAX_POINTS)?,
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
             known_parts: Vec::new(),
             model: model.clone(),
@@ -158,6 +142,11 @@ impl ContactSurface {
         speed * duration + reach + 0.5 * self.model.lattice().cell_m()
     }
 
+    /// Whether tissue may come so far in one substep that its way matters to a tool.
+    pub fn may_jump(&self, tools: &[ToolStep], speed: f64, dt: f64) -> bool {
+        tools.iter().any(|tool| speed * dt > JUMP * tool.desc.feature_m())
+    }
+
     /// Largest push in one substep, in m.
     pub fn push_limit(&self) -> f64 {
         PUSH_LIMIT * self.model.lattice().cell_m()
@@ -169,9 +158,6 @@ impl ContactSurface {
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
-            carried_start: self.carried_start.at(),
-            carried_vertex: self.carried_vertex.at(),
-            carried_weight: self.carried_weight.at(),
             parts: self.parts.at(),
             near_bits: self.near_bits.at(),
             near: self.near.at(),
@@ -181,10 +167,13 @@ impl ContactSurface {
             nodes: self.nodes.at(),
             mobility: self.mobility.at(),
             node_tag: self.node_tag.at(),
+            touched_at: self.touched_at.at(),
             touched: self.touched.at(),
-            change: self.change.at(),
-            impulse: self.impulse.at(),
-            point_of: self.point_of.at(),
+            touched_mobility: self.touched_mobility.at(),
+            entry_start: self.entry_start.at(),
+            entries: self.entries.at(),
+            head_tag: self.head_tag.at(),
+            head: self.head.at(),
             points: self.points.at(),
             sums: self.sums.at(),
         }
@@ -200,8 +189,8 @@ impl ContactSurface {
         let arguments = &mut [pointer(&mut contact), pointer(pass)];
         // SAFETY: the kernels' arguments, as declared.
         unsafe {
-            kernels.contact_near.launch(&stream.device, stream.handle, blocks, NEAR_THREADS, arguments)?;
-            kernels.contact_list.launch(&stream.device, stream.handle, 1, THREADS, arguments)
+            kernels.contact_near.launch(&stream.device, stream.handle, blocks, NEAR_THREADS, 0, arguments)?;
+            kernels.contact_list.launch(&stream.device, stream.handle, 1, THREADS, 0, arguments)
         }
     }
 
@@ -225,13 +214,21 @@ impl ContactSurface {
             let mut moment = Moment {
                 from: fraction(step - 1) as f32,
                 to: fraction(step) as f32,
-                substep: begin * plan.moves + step,
                 tissue_moves: u32::from(step == 1),
                 is_last: u32::from(step == plan.moves),
             };
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
-            unsafe { kernels.contact_resolve.launch(&stream.device, stream.handle, 1, THREADS, arguments)? };
+            unsafe {
+                kernels.contact_resolve.launch(
+                    &stream.device,
+                    stream.handle,
+                    1,
+                    THREADS,
+                    EXCHANGE_BYTES,
+                    arguments,
+                )?
+            };
         }
         Ok(())
     }
@@ -246,20 +243,22 @@ impl ContactSurface {
         let mut counts = [0; 5];
         self.counts.read(0, &mut counts)?;
         let [.., points, tag] = counts;
-        let mut found = vec![Point::default(); points as usize];
-        self.points.read((tag as usize & 1) * MAX_POINTS, &mut found)?;
-        let mut near = vec![0; MAX_NEAR];
-        self.near.read(0, &mut near)?;
+        let mut fields = vec![0.0; point::FIELDS * MAX_POINTS];
+        self.points.read((tag as usize & 1) * fields.len(), &mut fields)?;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
-        let vector = |v: [f32; 3]| Vec3::from(v.map(f64::from));
-        let mine = found.iter().filter(|p| p.tool == tool && p.push > 0.0);
-        Ok(mine
-            .map(|p| Contact {
-                point_m: origin + vector(p.at),
-                normal: vector(p.normal),
-                depth_m: f64::from(p.depth),
-                force_n: (vector(p.normal) * f64::from(p.push) + vector(p.drag)) / dt,
-                material: surface.materials[near[p.near as usize] as usize],
+        let number = |field: usize, k: usize| fields[field * MAX_POINTS + k];
+        let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(number(field + axis, k)));
+        let is_mine = |k: &usize| number(point::TOOL, *k).to_bits() == tool && number(point::PUSH, *k) > 0.0;
+        Ok((0..points as usize)
+            .filter(is_mine)
+            .map(|k| Contact {
+                point_m: origin + vector(point::AT, k),
+                normal: vector(point::NORMAL, k),
+                depth_m: f64::from(number(point::DEPTH, k)),
+                force_n: (vector(point::NORMAL, k) * f64::from(number(point::PUSH, k))
+                    + vector(point::DRAG, k))
+                    / dt,
+                material: surface.materials[number(point::VERTEX, k).to_bits() as usize],
             })
             .collect())
     }
@@ -268,6 +267,7 @@ impl ContactSurface {
     pub fn clear(&self) -> Result<()> {
         self.counts.clear()?;
         self.node_stamp.clear()?;
-        self.impulse.clear()
+        self.node_tag.clear()?;
+        self.head_tag.clear()
     }
 }

@@ -78,6 +78,7 @@ functions! {
     module_load_data = "cuModuleLoadData"(*mut CUmodule, *const c_void);
     module_unload = "cuModuleUnload"(CUmodule);
     module_get_function = "cuModuleGetFunction"(*mut CUfunction, CUmodule, *const c_char);
+    func_set_attribute = "cuFuncSetAttribute"(CUfunction, c_int, c_int);
     launch_kernel = "cuLaunchKernel"(CUfunction, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, CUstream, *mut *mut c_void, *mut *mut c_void);
 }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::{CUfunction, CUmodule, CUstream};
 
+use super::contact::EXCHANGE_BYTES;
 use super::device::Device;
 use crate::error::Result;
 
@@ -32,6 +33,20 @@ impl Module {
         let status = unsafe { (device.driver.module_load_data)(&mut handle, aligned.as_ptr().cast()) };
         device.driver.check(status, &format!("loading the kernels on {}", device.name()))?;
         Ok(Self { device: device.clone(), handle })
+    }
+
+    /// A kernel that may use up to `shared_bytes` of shared memory beside what it declares.
+    fn sharing_function(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel> {
+        /// CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES.
+        const MAX_DYNAMIC_SHARED: i32 = 8;
+        let kernel = self.function(name)?;
+        let _entered = self.device.enter()?;
+        // SAFETY: an own function.
+        let status = unsafe {
+            (self.device.driver.func_set_attribute)(kernel.0, MAX_DYNAMIC_SHARED, shared_bytes as i32)
+        };
+        self.device.driver.check(status, &format!("{shared_bytes} bytes of shared memory"))?;
+        Ok(kernel)
     }
 
     fn function(&self, name: &CStr) -> Result<Kernel> {
@@ -92,7 +107,7 @@ impl Kernels {
             substep: lattice.function(substep)?,
             contact_near: contact.function(c"contact_near")?,
             contact_list: contact.function(c"contact_list")?,
-            contact_resolve: contact.function(c"contact_resolve")?,
+            contact_resolve: contact.sharing_function(c"contact_resolve", EXCHANGE_BYTES)?,
             report: report.function(c"report")?,
             _modules: [lattice, contact, report],
         })
@@ -110,6 +125,7 @@ impl Kernel {
         stream: CUstream,
         blocks: u32,
         threads: u32,
+        shared_bytes: u32,
         arguments: &mut [*mut c_void],
     ) -> Result<()> {
         // SAFETY: as promised.
@@ -122,7 +138,7 @@ impl Kernel {
                 threads,
                 1,
                 1,
-                0,
+                shared_bytes,
                 stream,
                 arguments.as_mut_ptr(),
                 std::ptr::null_mut(),

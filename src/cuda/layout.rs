@@ -31,9 +31,11 @@ impl Law {
 }
 
 /// Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
-pub const MAX_POINTS: usize = 4096;
+pub const MAX_POINTS: usize = 2048;
 pub const MAX_NEAR: usize = 32768;
 pub const MAX_NODES: usize = 65536;
+/// Most nodes that carry contact points.
+pub const MAX_TOUCHED: usize = 3584;
 
 /// One shape of a tool, in the tool's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -119,6 +121,8 @@ pub struct Step {
     pub margin: f32,
     pub duration: f32,
     pub push_limit: f32,
+    pub may_jump: u32,
+    pub reserved: u32,
     pub tools: [ToolStep; MAX_TOOLS],
 }
 
@@ -133,6 +137,8 @@ impl Default for Step {
             margin: 0.0,
             duration: 0.0,
             push_limit: 0.0,
+            may_jump: 0,
+            reserved: 0,
             tools: [ToolStep::default(); MAX_TOOLS],
         }
     }
@@ -199,27 +205,17 @@ pub struct Pass {
     pub mark: u32,
 }
 
-/// A point of the surface inside a tool, in the last substep.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub struct Point {
-    pub near: u32,
-    pub tool: u32,
-    pub at: [f32; 3],
-    pub normal: [f32; 3],
-    pub depth: f32,
-    travel: f32,
-    tool_velocity: [f32; 3],
-    before: [f32; 3],
-    mass: f32,
-    pub push: f32,
-    pub drag: [f32; 3],
-    last_push: f32,
-    last_drag: [f32; 3],
-    target: f32,
-    movable: u32,
-    nodes: [u32; 8],
-    weights: [f32; 8],
+/// Places of a contact point's fields, each an array over the points.
+pub mod point {
+    pub const VERTEX: usize = 0;
+    pub const TOOL: usize = 1;
+    pub const AT: usize = 4;
+    pub const DEPTH: usize = 7;
+    pub const NORMAL: usize = 8;
+    pub const PUSH: usize = 19;
+    pub const DRAG: usize = 20;
+    /// How many there are.
+    pub const FIELDS: usize = 43;
 }
 
 /// Contact of one surface.
@@ -230,9 +226,6 @@ pub struct Contact {
     pub rest: CUdeviceptr,
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,
-    pub carried_start: CUdeviceptr,
-    pub carried_vertex: CUdeviceptr,
-    pub carried_weight: CUdeviceptr,
     pub parts: CUdeviceptr,
     pub near_bits: CUdeviceptr,
     pub near: CUdeviceptr,
@@ -242,10 +235,13 @@ pub struct Contact {
     pub nodes: CUdeviceptr,
     pub mobility: CUdeviceptr,
     pub node_tag: CUdeviceptr,
+    pub touched_at: CUdeviceptr,
     pub touched: CUdeviceptr,
-    pub change: CUdeviceptr,
-    pub impulse: CUdeviceptr,
-    pub point_of: CUdeviceptr,
+    pub touched_mobility: CUdeviceptr,
+    pub entry_start: CUdeviceptr,
+    pub entries: CUdeviceptr,
+    pub head_tag: CUdeviceptr,
+    pub head: CUdeviceptr,
     pub points: CUdeviceptr,
     pub sums: CUdeviceptr,
 }
@@ -256,7 +252,6 @@ pub struct Contact {
 pub struct Moment {
     pub from: f32,
     pub to: f32,
-    pub substep: u32,
     pub tissue_moves: u32,
     pub is_last: u32,
 }

@@ -27,8 +27,6 @@ unsafe impl Plain for super::layout::Law {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Part {}
 // SAFETY: see above.
-unsafe impl Plain for super::layout::Point {}
-// SAFETY: see above.
 unsafe impl Plain for super::layout::ToolSum {}
 
 /// A stream of work on a device: what is asked of it happens in order.

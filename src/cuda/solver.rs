@@ -222,6 +222,7 @@ impl CudaSolver {
                     stream,
                     self.state.bricks,
                     BRICK_SLOTS as u32,
+                    0,
                     arguments,
                 )?;
                 if contact.tools > 0 {
@@ -241,7 +242,7 @@ impl CudaSolver {
                 pointer(&mut sums),
                 pointer(&mut report),
             ];
-            self.kernels.report.launch(device, stream, 1, 1024, arguments)
+            self.kernels.report.launch(device, stream, 1, 1024, 0, arguments)
         }
     }
 
@@ -363,6 +364,7 @@ impl Solver for CudaSolver {
             margin: self.contact.margin(plan.tools, self.speed, duration) as f32,
             duration: duration as f32,
             push_limit: self.contact.push_limit() as f32,
+            may_jump: u32::from(self.contact.may_jump(plan.tools, self.speed, plan.dt)),
             ..Step::default()
         };
         step.tools[..tools.len()].copy_from_slice(&tools);

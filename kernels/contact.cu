@@ -208,10 +208,16 @@ __device__ void give_to_nodes(const Contact& c, Exchange& s, uint32_t nodes) {
         const float4 mobility = c.touched_mobility[j];
         Vec sum{0, 0, 0};
         const uint32_t end = c.entry_start[j + 1];
-        for (uint32_t e = c.entry_start[j]; e < end; ++e) {
-            const uint2 entry = c.entries[e];
-            const float4 impulse = s.impulse[entry.x];
-            sum = sum + Vec{impulse.x, impulse.y, impulse.z} * __uint_as_float(entry.y);
+        // Four at a time, so that their loads do not wait for each other; what is not there weighs nothing.
+        for (uint32_t e = c.entry_start[j]; e < end; e += 4) {
+            uint2 entry[4];
+            float4 impulse[4];
+#pragma unroll
+            for (int i = 0; i < 4; ++i) entry[i] = e + i < end ? c.entries[e + i] : make_uint2(0, 0);
+#pragma unroll
+            for (int i = 0; i < 4; ++i) impulse[i] = s.impulse[entry[i].x];
+#pragma unroll
+            for (int i = 0; i < 4; ++i) sum = sum + Vec{impulse[i].x, impulse[i].y, impulse[i].z} * __uint_as_float(entry[i].y);
         }
         s.change[j] = make_float4(sum.x * mobility.x, sum.y * mobility.y, sum.z * mobility.z, 0.0f);
     }

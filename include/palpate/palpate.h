@@ -162,6 +162,12 @@
 /// Velocities of nodes in m/s, world axes.
 #define PLP_NODES_VELOCITY 2
 
+/// A surface's scalar is the length of the displacement in metres.
+#define PLP_FIELD_DISPLACEMENT 0
+
+/// A surface's scalar is the largest principal strain under the vertex.
+#define PLP_FIELD_STRAIN 1
+
 /// A ball of radius_m.
 #define PLP_SHAPE_SPHERE 0
 
@@ -170,12 +176,6 @@
 
 /// A box of half_extents_m whose edges are rounded by radius_m.
 #define PLP_SHAPE_BOX 2
-
-/// A surface's scalar is the length of the displacement in metres.
-#define PLP_FIELD_DISPLACEMENT 0
-
-/// A surface's scalar is the largest principal strain under the vertex.
-#define PLP_FIELD_STRAIN 1
 
 /// A model: tissue at rest, immutable. Any number of threads and simulations may share it.
 typedef struct plp_model plp_model;
@@ -331,7 +331,8 @@ typedef void (*plp_log_fn)(void *user, int32_t level, const char *line);
 ///
 /// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
-/// of its own, so that a desc of nothing but defaults builds.
+/// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
+/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met at y = 0.096.
 typedef struct {
     /// The size of this struct as the caller knows it.
     uint32_t struct_size;
@@ -376,7 +377,9 @@ typedef struct {
     plp_progress_fn progress;
     /// Given to progress. @nullable
     void *progress_user;
-    /// Told about the finished model. Not called after plp_model_create has returned. @nullable
+    /// Told about the finished model, with warnings about materials that the cap lowered and about loose pieces of
+    /// tissue: specks that are joined to nothing and held nowhere. These are kept, and move as free bodies. Not
+    /// called after plp_model_create has returned. @nullable
     plp_log_fn log;
     /// Given to log. @nullable
     void *log_user;
@@ -565,7 +568,7 @@ typedef struct {
     uint32_t part_count;
     /// The shapes [part_count].
     const plp_tool_part *parts;
-    /// Coulomb friction coefficient between tool and tissue, at least 0 (default 0).
+    /// Coulomb friction coefficient between tool and tissue, 0 to 100 (default 0).
     double friction;
 } plp_tool_desc;
 
@@ -869,8 +872,8 @@ plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **t
 plp_status plp_tool_destroy(plp_tool *tool);
 
 /// Says where the tool is and how it moves. The simulation moves it there over its next step. A motion that
-/// is not finite, or whose quaternion is not nearly unit, answers PLP_ERR_ARGUMENT and leaves the tool where
-/// it was; a tool whose simulation is gone answers PLP_STOPPED.
+/// is not finite, lies more than 10 km from the origin, or whose quaternion is not nearly unit, answers
+/// PLP_ERR_ARGUMENT and leaves the tool where it was; a tool whose simulation is gone answers PLP_STOPPED.
 ///
 /// @thread port @rt
 plp_status plp_tool_set_pose(plp_tool *tool, const plp_motion *motion);
@@ -901,8 +904,8 @@ plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 
 /// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
 /// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
-/// plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
-/// when the simulation is gone. view_size is sizeof(plp_surface_view).
+/// plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
+/// where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 plp_status plp_surface_map(plp_surface *surface,

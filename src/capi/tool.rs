@@ -85,8 +85,8 @@ pub unsafe extern "C" fn plp_tool_destroy(tool: *mut plp_tool) -> plp_status {
 }
 
 /// Says where the tool is and how it moves. The simulation moves it there over its next step. A motion that
-/// is not finite, or whose quaternion is not nearly unit, answers PLP_ERR_ARGUMENT and leaves the tool where
-/// it was; a tool whose simulation is gone answers PLP_STOPPED.
+/// is not finite, lies more than 10 km from the origin, or whose quaternion is not nearly unit, answers
+/// PLP_ERR_ARGUMENT and leaves the tool where it was; a tool whose simulation is gone answers PLP_STOPPED.
 ///
 /// @thread port @rt
 #[unsafe(no_mangle)]
@@ -101,6 +101,7 @@ pub unsafe extern "C" fn plp_tool_set_pose(tool: *mut plp_tool, motion: *const p
         if !body.is_running() {
             return Ok(PLP_STOPPED);
         }
+        // The motion is valid, so that nothing is refused here, which would take memory for the words.
         body.port.set_motion(&motion).map_err(|_| PLP_ERR_ARGUMENT)?;
         Ok(PLP_OK)
     })

@@ -48,9 +48,9 @@
  *       plp_model_destroy(model);
  *   }
  *
- * Statuses below 0 are errors: nothing was changed, no output was written, plp_last_error() has a sentence
- * about it. SI units; right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not
- * be NULL unless marked @nullable. Functions are marked:
+ * Statuses below 0 are errors: no output was written, and plp_last_error() has a sentence about it. SI units;
+ * right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not be NULL unless marked
+ * @nullable. Functions are marked:
  *
  *   @thread any     from any thread, at any time
  *   @thread owner   from one thread at a time for each simulation
@@ -191,7 +191,8 @@ typedef struct plp_surface plp_surface;
 typedef struct plp_tool plp_tool;
 
 /// What a call answers: 0 on success, negative on error, positive on success with a remark.
-/// A call that answers an error has changed nothing and has written none of its outputs.
+/// A call that answers an error has written none of its outputs, and changed nothing unless it was the
+/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_PANIC.
 typedef int32_t plp_status;
 
 /// An isotropic, linearly elastic material at small strain.
@@ -593,7 +594,7 @@ typedef struct {
     plp_motion motion;
     /// Simulated time at the end of that step in seconds.
     double time_s;
-    /// Counts steps; 0 before the first one.
+    /// Counts steps; 0 before the first one and after plp_sim_reset.
     uint64_t sequence;
 } plp_force;
 
@@ -902,9 +903,9 @@ plp_status plp_surface_destroy(plp_surface *surface);
 /// @thread port
 plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 
-/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
-/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
-/// plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
+/// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
+/// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
+/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
 /// where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port

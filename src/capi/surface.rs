@@ -84,9 +84,9 @@ pub unsafe extern "C" fn plp_surface_set_field(surface: *mut plp_surface, field:
     })
 }
 
-/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
-/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
-/// plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
+/// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
+/// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
+/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
 /// where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port

@@ -13,6 +13,7 @@
 #![allow(rustdoc::broken_intra_doc_links)]
 
 use std::ffi::{c_char, c_void};
+use std::mem::offset_of;
 
 use super::boundary::Output;
 
@@ -136,5 +137,5 @@ pub struct plp_preset {
 // SAFETY: repr(C), 32 + 64 + 512 bytes of doubles and characters.
 unsafe impl Output for plp_preset {
     const NAME: &'static str = "plp_preset";
-    const FIRST_SIZE: usize = 608;
+    const FIRST_SIZE: usize = offset_of!(Self, source) + size_of::<[c_char; 512]>();
 }

@@ -1,6 +1,7 @@
 //! What a model is built from, and what it turned out to be.
 
 use std::ffi::{c_char, c_void};
+use std::mem::offset_of;
 
 use super::super::boundary::{Desc, Output};
 use super::{plp_box, plp_log_fn, plp_material, plp_pose, plp_progress_fn};
@@ -193,7 +194,7 @@ pub struct plp_model_desc {
 // SAFETY: repr(C), integers, doubles, raw pointers and optional function pointers, 4-byte fields in pairs.
 unsafe impl Desc for plp_model_desc {
     const NAME: &'static str = "plp_model_desc";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, log_user) + size_of::<*mut c_void>();
     fn with_defaults() -> Self {
         Self {
             struct_size: size_of::<Self>() as u32,
@@ -256,5 +257,5 @@ pub struct plp_model_info {
 // SAFETY: repr(C), 8-byte fields first, then eight 4-byte ones.
 unsafe impl Output for plp_model_info {
     const NAME: &'static str = "plp_model_info";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, reserved) + size_of::<u32>();
 }

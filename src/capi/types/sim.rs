@@ -1,6 +1,7 @@
 //! How a simulation runs, what acts on it, and how it is doing.
 
 use std::ffi::c_void;
+use std::mem::offset_of;
 
 use super::super::boundary::{Desc, Output};
 use super::{plp_box, plp_log_fn, plp_pose};
@@ -49,7 +50,7 @@ pub struct plp_sim_desc {
 // SAFETY: repr(C), integers, doubles, a raw pointer and an optional function pointer, 4-byte fields in pairs.
 unsafe impl Desc for plp_sim_desc {
     const NAME: &'static str = "plp_sim_desc";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, log_user) + size_of::<*mut c_void>();
     fn with_defaults() -> Self {
         let defaults = crate::sim::SimDesc::default();
         let flag = |on: bool, bit: u32| if on { bit } else { 0 };
@@ -102,7 +103,7 @@ pub struct plp_load {
 // SAFETY: repr(C), two integers, then doubles.
 unsafe impl Desc for plp_load {
     const NAME: &'static str = "plp_load";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, region) + size_of::<plp_box>();
     fn with_defaults() -> Self {
         Self {
             struct_size: size_of::<Self>() as u32,
@@ -178,7 +179,7 @@ pub struct plp_statistics {
 // SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
 unsafe impl Output for plp_statistics {
     const NAME: &'static str = "plp_statistics";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, dropped_point_count) + size_of::<u64>();
 }
 
 /// Energies in J, computed in double precision when asked for.
@@ -198,7 +199,7 @@ pub struct plp_energy {
 // SAFETY: repr(C), doubles.
 unsafe impl Output for plp_energy {
     const NAME: &'static str = "plp_energy";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, tool_work_j) + size_of::<f64>();
 }
 
 /// Rest positions of nodes in metres, world frame.

@@ -1,5 +1,7 @@
 //! A frame of a surface.
 
+use std::mem::offset_of;
+
 use super::super::boundary::Output;
 
 /// A surface's scalar is the length of the displacement in metres.
@@ -40,5 +42,5 @@ pub struct plp_surface_view {
 // SAFETY: repr(C), pointers and 8-byte numbers.
 unsafe impl Output for plp_surface_view {
     const NAME: &'static str = "plp_surface_view";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, time_s) + size_of::<f64>();
 }

@@ -1,5 +1,7 @@
 //! What a tool is, where it is, and what it feels.
 
+use std::mem::offset_of;
+
 use super::super::boundary::Desc;
 use super::plp_pose;
 
@@ -47,7 +49,7 @@ pub struct plp_tool_desc {
 // SAFETY: repr(C), two integers, a raw pointer, a double.
 unsafe impl Desc for plp_tool_desc {
     const NAME: &'static str = "plp_tool_desc";
-    const FIRST_SIZE: usize = size_of::<Self>();
+    const FIRST_SIZE: usize = offset_of!(Self, friction) + size_of::<f64>();
     fn with_defaults() -> Self {
         Self { struct_size: size_of::<Self>() as u32, part_count: 0, parts: std::ptr::null(), friction: 0.0 }
     }
@@ -78,7 +80,7 @@ pub struct plp_force {
     pub motion: plp_motion,
     /// Simulated time at the end of that step in seconds.
     pub time_s: f64,
-    /// Counts steps; 0 before the first one.
+    /// Counts steps; 0 before the first one and after plp_sim_reset.
     pub sequence: u64,
 }
 

@@ -72,16 +72,12 @@ pub fn model_line(model: &Model, wall_s: f64) -> String {
 /// One line about the pieces of a model that hang on nothing; none where there are none.
 pub fn loose_line(model: &Model) -> Option<String> {
     let pieces = model.loose_pieces();
-    let (count, size) = match &pieces[..] {
-        [] => return None,
-        [only] => ("1 loose piece".to_owned(), only.to_string()),
-        [largest, .., smallest] => {
-            (format!("{} loose pieces", pieces.len()), format!("{smallest} to {largest}"))
-        }
-    };
+    let (largest, smallest) = (*pieces.first()?, *pieces.last()?);
+    let size = if largest == smallest { largest.to_string() } else { format!("{smallest} to {largest}") };
     Some(format!(
-        "model: {count} of {size} cells, joined to nothing and held nowhere, will move as free bodies; label \
-         specks as empty if that is not meant"
+        "model: loose pieces of tissue: {}, cells in each: {size}; joined to nothing and held nowhere, they will \
+         move as free bodies; label specks as empty if that is not meant",
+        pieces.len()
     ))
 }
 
@@ -120,7 +116,7 @@ mod tests {
             loose_line(&build.run(&mut |_, _| true).unwrap())
         };
         assert_eq!(line(&[1, 1, 1, 1]), None);
-        assert!(line(&[1, 1, 0, 1]).unwrap().contains("1 loose piece of 1 cells"));
-        assert!(line(&[1, 0, 1, 1, 1, 1, 0, 1, 1]).unwrap().contains("2 loose pieces of 1 to 2 cells"));
+        assert!(line(&[1, 1, 0, 1]).unwrap().contains("tissue: 1, cells in each: 1;"));
+        assert!(line(&[1, 0, 1, 1, 1, 1, 0, 1, 1]).unwrap().contains("tissue: 2, cells in each: 1 to 2;"));
     }
 }

@@ -996,12 +996,13 @@ static inline plp_tool_part plp_rounded_box(double half_x_m, double half_y_m, do
     return part;
 }
 
-/// The use of a label as tissue (PLP_USE_TISSUE) or rigid region (PLP_USE_RIGID) of a preset material. An
-/// unknown name leaves a material that plp_model_create refuses.
+/// The use of a label as tissue (PLP_USE_TISSUE) or rigid region (PLP_USE_RIGID) of a preset material, or as
+/// nothing (PLP_USE_EMPTY), where preset_name may be NULL. An unknown name leaves a material that
+/// plp_model_create refuses.
 static inline plp_label_use plp_label_as(uint32_t label, uint32_t kind, const char *preset_name) {
     plp_preset preset;
     plp_label_use use = {label, kind, {0.0, 0.0, 0.0, 0.0, {'?', 0}}};
-    if (plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
+    if (kind != PLP_USE_EMPTY && plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
         use.material = preset.material;
     }
     return use;

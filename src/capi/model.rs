@@ -546,7 +546,7 @@ mod tests {
             assert_eq!(plp_model_destroy(model), PLP_OK);
         }
         assert!(
-            lines.iter().any(|(level, line)| *level == PLP_LOG_WARNING && line.contains("1 loose piece"))
+            lines.iter().any(|(level, line)| *level == PLP_LOG_WARNING && line.contains("loose pieces of tissue: 1"))
         );
     }
 }

@@ -861,8 +861,9 @@ plp_status plp_sim_get_contacts(const plp_sim *sim,
 /// @thread any
 plp_status plp_tool_desc_init(plp_tool_desc *desc, uint32_t desc_size);
 
-/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose. The tool is the
-/// caller's, to be given to plp_tool_destroy, before or after the simulation.
+/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose, which puts it there at
+/// once: start outside the tissue. The tool is the caller's, to be given to plp_tool_destroy, before or after
+/// the simulation.
 ///
 /// @thread owner
 plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **tool);

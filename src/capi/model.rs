@@ -546,7 +546,9 @@ mod tests {
             assert_eq!(plp_model_destroy(model), PLP_OK);
         }
         assert!(
-            lines.iter().any(|(level, line)| *level == PLP_LOG_WARNING && line.contains("loose pieces of tissue: 1"))
+            lines
+                .iter()
+                .any(|(level, line)| *level == PLP_LOG_WARNING && line.contains("loose pieces of tissue: 1"))
         );
     }
 }

@@ -214,7 +214,7 @@ typedef struct {
 typedef struct {
     /// The material; its name is the preset's.
     plp_material material;
-    /// The publications that the numbers are taken from, UTF-8, ended by NUL.
+    /// The publications that the numbers are taken from, and which of them are estimates, UTF-8, ended by NUL.
     char source[512];
 } plp_preset;
 

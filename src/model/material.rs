@@ -68,12 +68,12 @@ pub const PRESETS: &[Preset] = &[
 ];
 
 const LUNG: &str = "E and nu: indentation of inflated dog lobes gives E of about twice the inflation \
-    pressure, here 1 kPa, and nu of about 0.43 (Elastic constants of inflated lobes of dog lungs, \
-    J. Appl. Physiol.). Density: an estimate, what a CT value of -700 HU means.";
+    pressure, here 1 kPa, and nu of about 0.43 (paper: Elastic constants of inflated lobes of dog lungs). \
+    Density: an estimate, what a CT value of -700 HU means.";
 const BRAIN: &str = "Shear modulus: slow indentation of porcine white matter, 1.03 kPa, table 1 of J. Funct. \
     Biomater. 3 (2012) 839 (PMC4030922). Density: ICRU Report 44. nu is an estimate: nearly \
     incompressible.";
-const FAT: &str = "Shear modulus: magnetic resonance elastography of undeformed gluteal fat at 50 Hz, 0.752 \
+const FAT: &str = "Shear modulus: magnetic resonance elastography of undeformed fat of the buttocks at 50 Hz, 0.752 \
     kPa (Strain-dependent shear properties of human adipose tissue in vivo, J. Mech. Behav. Biomed. \
     Mater. 2023); fat of the thigh was given 3.04 kPa (PMC4580449). Density: ICRU Report 44. nu is an \
     estimate.";

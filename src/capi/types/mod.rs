@@ -130,7 +130,7 @@ pub struct plp_material {
 pub struct plp_preset {
     /// The material; its name is the preset's.
     pub material: plp_material,
-    /// The publications that the numbers are taken from, UTF-8, ended by NUL.
+    /// The publications that the numbers are taken from, and which of them are estimates, UTF-8, ended by NUL.
     pub source: [c_char; 512],
 }
 

@@ -69,6 +69,18 @@ pub fn model_line(model: &Model, wall_s: f64) -> String {
     )
 }
 
+/// One line about the pieces of a model that hang on nothing; none where there are none.
+pub fn loose_line(model: &Model) -> Option<String> {
+    let pieces = model.loose_pieces();
+    let (largest, smallest) = (*pieces.first()?, *pieces.last()?);
+    let size = if largest == smallest { largest.to_string() } else { format!("{smallest} to {largest}") };
+    Some(format!(
+        "model: loose pieces of tissue: {}, cells in each: {size}; joined to nothing and held nowhere, they will \
+         move as free bodies; label specks as empty if that is not meant",
+        pieces.len()
+    ))
+}
+
 /// One line about a simulation that was just created.
 pub fn sim_line(desc: &SimDesc, now: &Statistics) -> String {
     let substeps = desc.substeps.map_or_else(
@@ -83,4 +95,28 @@ pub fn sim_line(desc: &SimDesc, now: &Statistics) -> String {
         desc.precision,
         now.node_bytes / 1024,
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Pose, Vec3};
+    use crate::model::grid::LabelGrid;
+    use crate::model::material::Material;
+    use crate::model::{Build, LabelUse};
+
+    #[test]
+    fn loose_pieces_are_told_with_count_and_size() {
+        let line = |labels: &[u16]| {
+            let grid =
+                LabelGrid::new([labels.len(), 1, 1], Vec3::repeat(0.01), Pose::identity(), labels.into());
+            let mut build = Build::new(grid.unwrap());
+            let jelly = Material::new("jelly", 1e3, 0.3, 1e3).unwrap();
+            build.uses = [(0, LabelUse::Empty), (1, LabelUse::Tissue(jelly))].into();
+            loose_line(&build.run(&mut |_, _| true).unwrap())
+        };
+        assert_eq!(line(&[1, 1, 1, 1]), None);
+        assert!(line(&[1, 1, 0, 1]).unwrap().contains("tissue: 1, cells in each: 1;"));
+        assert!(line(&[1, 0, 1, 1, 1, 1, 0, 1, 1]).unwrap().contains("tissue: 2, cells in each: 1 to 2;"));
+    }
 }

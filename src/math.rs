@@ -11,6 +11,9 @@ pub type Quat = na::UnitQuaternion<f64>;
 /// A rigid transform: rotation, then translation in metres.
 pub type Pose = na::Isometry3<f64>;
 
+/// Farthest from the world's origin, along each axis, that tissue, a tool or a rigid region may be, in m.
+pub const FAR_M: f64 = 1e4;
+
 /// Arithmetic that the laws of [`crate::model::law`] are written in: one number, or one vector register of them.
 ///
 /// `fma(a, b)` is `self * a + b`. Whether it rounds once or twice is the implementor's choice, made once for each backend route.

@@ -10,7 +10,20 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 8] = ["version", "status", "types", "preset", "model", "sim", "tool", "surface"];
+const SOURCES: [&str; 12] = [
+    "version",
+    "status",
+    "types/mod",
+    "types/model",
+    "types/sim",
+    "types/tool",
+    "types/surface",
+    "preset",
+    "model",
+    "sim",
+    "tool",
+    "surface",
+];
 
 fn header() -> String {
     std::fs::read_to_string(root().join(HEADER)).expect("the header is committed")

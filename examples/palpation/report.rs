@@ -65,6 +65,10 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
         "none".to_owned()
     };
     row("cap on Young's modulus", cap);
+    let loose = model.loose_pieces();
+    if !loose.is_empty() {
+        row("loose pieces", format!("{}, of {} cells in all", loose.len(), grouped(loose.iter().sum())));
+    }
 
     // The computation.
     let last = record.rows.last().map(|r| r.statistics).unwrap_or_default();
@@ -98,9 +102,10 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
     let lost = record.rows.last().map_or(0.0, |r| r.energy.tool_work_j);
     row("work of the tool at most", format!("{:.3} mJ", highest(&|r| r.energy.tool_work_j) * 1e3));
     row("work not given back", format!("{:.3} mJ", lost * 1e3));
-    row("spring strain at most", format!("{:.1} %", highest(&|r| r.statistics.max_strain) * 1e2));
+    row("spring strain |1 - L/l| at most", format!("{:.1} %", highest(&|r| r.statistics.max_strain) * 1e2));
     let squeezed = record.rows.iter().map(|r| r.statistics.volume_ratio[0]).fold(f64::MAX, f64::min);
     row("volume ratio at least", format!("{squeezed:.3}"));
+    row("results", format!("in the folder {}", options.out.display()));
     table
 }
 

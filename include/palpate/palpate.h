@@ -48,9 +48,9 @@
  *       plp_model_destroy(model);
  *   }
  *
- * Statuses below 0 are errors: nothing was changed, no output was written, plp_last_error() has a sentence
- * about it. SI units; right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not
- * be NULL unless marked @nullable. Functions are marked:
+ * Statuses below 0 are errors: no output was written, and plp_last_error() has a sentence about it. SI units;
+ * right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not be NULL unless marked
+ * @nullable. Functions are marked:
  *
  *   @thread any     from any thread, at any time
  *   @thread owner   from one thread at a time for each simulation
@@ -162,6 +162,12 @@
 /// Velocities of nodes in m/s, world axes.
 #define PLP_NODES_VELOCITY 2
 
+/// A surface's scalar is the length of the displacement in metres.
+#define PLP_FIELD_DISPLACEMENT 0
+
+/// A surface's scalar is the largest principal strain under the vertex.
+#define PLP_FIELD_STRAIN 1
+
 /// A ball of radius_m.
 #define PLP_SHAPE_SPHERE 0
 
@@ -170,12 +176,6 @@
 
 /// A box of half_extents_m whose edges are rounded by radius_m.
 #define PLP_SHAPE_BOX 2
-
-/// A surface's scalar is the length of the displacement in metres.
-#define PLP_FIELD_DISPLACEMENT 0
-
-/// A surface's scalar is the largest principal strain under the vertex.
-#define PLP_FIELD_STRAIN 1
 
 /// A model: tissue at rest, immutable. Any number of threads and simulations may share it.
 typedef struct plp_model plp_model;
@@ -191,7 +191,8 @@ typedef struct plp_surface plp_surface;
 typedef struct plp_tool plp_tool;
 
 /// What a call answers: 0 on success, negative on error, positive on success with a remark.
-/// A call that answers an error has changed nothing and has written none of its outputs.
+/// A call that answers an error has written none of its outputs, and changed nothing unless it was the
+/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_PANIC.
 typedef int32_t plp_status;
 
 /// An isotropic, linearly elastic material at small strain.
@@ -213,7 +214,7 @@ typedef struct {
 typedef struct {
     /// The material; its name is the preset's.
     plp_material material;
-    /// The publications that the numbers are taken from, UTF-8, ended by NUL.
+    /// The publications that the numbers are taken from, and which of them are estimates, UTF-8, ended by NUL.
     char source[512];
 } plp_preset;
 
@@ -331,7 +332,8 @@ typedef void (*plp_log_fn)(void *user, int32_t level, const char *line);
 ///
 /// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
-/// of its own, so that a desc of nothing but defaults builds.
+/// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
+/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met at y = 0.096.
 typedef struct {
     /// The size of this struct as the caller knows it.
     uint32_t struct_size;
@@ -376,7 +378,9 @@ typedef struct {
     plp_progress_fn progress;
     /// Given to progress. @nullable
     void *progress_user;
-    /// Told about the finished model. Not called after plp_model_create has returned. @nullable
+    /// Told about the finished model, with warnings about materials that the cap lowered and about loose pieces of
+    /// tissue: specks that are joined to nothing and held nowhere. These are kept, and move as free bodies. Not
+    /// called after plp_model_create has returned. @nullable
     plp_log_fn log;
     /// Given to log. @nullable
     void *log_user;
@@ -565,7 +569,7 @@ typedef struct {
     uint32_t part_count;
     /// The shapes [part_count].
     const plp_tool_part *parts;
-    /// Coulomb friction coefficient between tool and tissue, at least 0 (default 0).
+    /// Coulomb friction coefficient between tool and tissue, 0 to 100 (default 0).
     double friction;
 } plp_tool_desc;
 
@@ -590,7 +594,7 @@ typedef struct {
     plp_motion motion;
     /// Simulated time at the end of that step in seconds.
     double time_s;
-    /// Counts steps; 0 before the first one.
+    /// Counts steps; 0 before the first one and after plp_sim_reset.
     uint64_t sequence;
 } plp_force;
 
@@ -857,8 +861,9 @@ plp_status plp_sim_get_contacts(const plp_sim *sim,
 /// @thread any
 plp_status plp_tool_desc_init(plp_tool_desc *desc, uint32_t desc_size);
 
-/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose. The tool is the
-/// caller's, to be given to plp_tool_destroy, before or after the simulation.
+/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose, which puts it there at
+/// once: start outside the tissue. The tool is the caller's, to be given to plp_tool_destroy, before or after
+/// the simulation.
 ///
 /// @thread owner
 plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **tool);
@@ -869,8 +874,8 @@ plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **t
 plp_status plp_tool_destroy(plp_tool *tool);
 
 /// Says where the tool is and how it moves. The simulation moves it there over its next step. A motion that
-/// is not finite, or whose quaternion is not nearly unit, answers PLP_ERR_ARGUMENT and leaves the tool where
-/// it was; a tool whose simulation is gone answers PLP_STOPPED.
+/// is not finite, lies more than 10 km from the origin, or whose quaternion is not nearly unit, answers
+/// PLP_ERR_ARGUMENT and leaves the tool where it was; a tool whose simulation is gone answers PLP_STOPPED.
 ///
 /// @thread port @rt
 plp_status plp_tool_set_pose(plp_tool *tool, const plp_motion *motion);
@@ -899,10 +904,10 @@ plp_status plp_surface_destroy(plp_surface *surface);
 /// @thread port
 plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 
-/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
-/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
-/// plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
-/// when the simulation is gone. view_size is sizeof(plp_surface_view).
+/// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
+/// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
+/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
+/// where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 plp_status plp_surface_map(plp_surface *surface,
@@ -992,12 +997,13 @@ static inline plp_tool_part plp_rounded_box(double half_x_m, double half_y_m, do
     return part;
 }
 
-/// The use of a label as tissue (PLP_USE_TISSUE) or rigid region (PLP_USE_RIGID) of a preset material. An
-/// unknown name leaves a material that plp_model_create refuses.
+/// The use of a label as tissue (PLP_USE_TISSUE) or rigid region (PLP_USE_RIGID) of a preset material, or as
+/// nothing (PLP_USE_EMPTY), where preset_name may be NULL. An unknown name leaves a material that
+/// plp_model_create refuses.
 static inline plp_label_use plp_label_as(uint32_t label, uint32_t kind, const char *preset_name) {
     plp_preset preset;
     plp_label_use use = {label, kind, {0.0, 0.0, 0.0, 0.0, {'?', 0}}};
-    if (plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
+    if (kind != PLP_USE_EMPTY && plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
         use.material = preset.material;
     }
     return use;

@@ -84,7 +84,8 @@ pub(super) unsafe fn read_str<'a>(text: *const c_char, what: &str) -> Result<&'a
 pub(super) unsafe trait Desc: Copy {
     /// The header's name of the type.
     const NAME: &'static str;
-    /// Its size in the first version of this ABI: no caller can have a smaller one.
+    /// The end of its last field in the first version of this ABI: no caller can have a smaller one. Names that field
+    /// and not the type's size, which grows.
     const FIRST_SIZE: usize;
     /// The defaults, with `struct_size` set.
     fn with_defaults() -> Self;
@@ -207,7 +208,7 @@ pub(super) fn check_out<T>(out: *mut T, what: &str) -> Result<(), Fault> {
 pub(super) unsafe trait Output: Copy {
     /// The header's name of the type.
     const NAME: &'static str;
-    /// Its size in the first version of this ABI.
+    /// The end of its last field in the first version of this ABI, as for [`Desc`].
     const FIRST_SIZE: usize;
 }
 

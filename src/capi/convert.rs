@@ -39,14 +39,15 @@ pub(super) fn pose_out(pose: &Pose) -> plp_pose {
     }
 }
 
-/// The motion in a host's struct. Allocates nothing.
+/// The motion in a host's struct, if it is valid. Allocates nothing.
 pub(super) fn try_motion(motion: &plp_motion) -> Option<ToolMotion> {
-    let finite = motion.linear_m_s.iter().chain(&motion.angular_rad_s).all(|x| x.is_finite());
-    try_pose(&motion.pose).filter(|_| finite).map(|pose| ToolMotion {
-        pose,
-        linear_m_s: motion.linear_m_s.into(),
-        angular_rad_s: motion.angular_rad_s.into(),
-    })
+    try_pose(&motion.pose)
+        .map(|pose| ToolMotion {
+            pose,
+            linear_m_s: motion.linear_m_s.into(),
+            angular_rad_s: motion.angular_rad_s.into(),
+        })
+        .filter(ToolMotion::is_valid)
 }
 
 /// A motion for a host.

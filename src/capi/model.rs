@@ -82,6 +82,11 @@ pub unsafe extern "C" fn plp_model_create(
             log.warning(|| format!("model: Young's modulus of {} materials lowered to {} Pa", cap.1, cap.0));
         }
 
+        // Finding them takes a while on a large model, which nobody should wait for who does not listen.
+        if let Some(line) = desc.log.and_then(|_| log::loose_line(&built)) {
+            log.warning(|| line);
+        }
+
         let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(built), cap }, 0);
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
         unsafe { model.write_unaligned(handle) };
@@ -468,6 +473,7 @@ unsafe fn mesh(source: &plp_surface_source, what: &str) -> Result<TriangleMesh, 
 mod tests {
     use std::ffi::{CStr, c_char};
 
+    use super::super::boundary::Desc;
     use super::*;
 
     #[test]
@@ -490,17 +496,59 @@ mod tests {
         assert_eq!(count(&build), 1);
     }
 
+    /// Collects what the library says in a vector.
+    unsafe extern "C" fn listen(user: *mut c_void, level: i32, line: *const c_char) {
+        // SAFETY: the tests pass a vector and the library a string.
+        let (lines, line) = unsafe { (&mut *user.cast::<Vec<(i32, String)>>(), CStr::from_ptr(line)) };
+        lines.push((level, line.to_str().unwrap().to_owned()));
+    }
+
     #[test]
     fn a_log_reaches_the_hosts_function() {
-        unsafe extern "C" fn listen(user: *mut c_void, level: i32, line: *const c_char) {
-            // SAFETY: the test passes a vector and the library a string.
-            let (lines, line) = unsafe { (&mut *user.cast::<Vec<(i32, String)>>(), CStr::from_ptr(line)) };
-            lines.push((level, line.to_str().unwrap().to_owned()));
-        }
         let mut lines: Vec<(i32, String)> = Vec::new();
         let mut log = log_of(Some(listen), (&raw mut lines).cast());
         log.warning(|| "soft".into());
         log_of(None, std::ptr::null_mut()).info(|| unreachable!("nobody listens"));
         assert_eq!(lines, [(PLP_LOG_WARNING, "soft".to_owned())]);
+    }
+
+    #[test]
+    fn a_loose_piece_of_tissue_is_a_warning() {
+        let mut lines: Vec<(i32, String)> = Vec::new();
+        let labels = [1_u8, 1, 1, 0, 1];
+        let still = plp_pose { position_m: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
+        let grid = plp_label_grid {
+            labels: labels.as_ptr().cast(),
+            label_bytes: 1,
+            voxels: [5, 1, 1],
+            spacing_m: [0.01; 3],
+            frame: still,
+            index_to_world: std::ptr::null(),
+        };
+        let jelly = material_out(&Material::new("jelly", 1e3, 0.3, 1e3).unwrap());
+        let uses = [(0, PLP_USE_EMPTY), (1, PLP_USE_TISSUE)].map(|(label, kind)| plp_label_use {
+            label,
+            kind,
+            material: jelly,
+        });
+        let desc = plp_model_desc {
+            grid: &raw const grid,
+            uses: uses.as_ptr(),
+            use_count: 2,
+            log: Some(listen),
+            log_user: (&raw mut lines).cast(),
+            ..plp_model_desc::with_defaults()
+        };
+        let mut model = std::ptr::null_mut();
+        // SAFETY: everything that the desc points to lives until the calls return.
+        unsafe {
+            assert_eq!(plp_model_create(&raw const desc, &raw mut model), PLP_OK);
+            assert_eq!(plp_model_destroy(model), PLP_OK);
+        }
+        assert!(
+            lines
+                .iter()
+                .any(|(level, line)| *level == PLP_LOG_WARNING && line.contains("loose pieces of tissue: 1"))
+        );
     }
 }

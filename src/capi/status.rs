@@ -7,7 +7,8 @@ use std::ffi::c_char;
 use crate::error::Error;
 
 /// What a call answers: 0 on success, negative on error, positive on success with a remark.
-/// A call that answers an error has changed nothing and has written none of its outputs.
+/// A call that answers an error has written none of its outputs, and changed nothing unless it was the
+/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_PANIC.
 pub type plp_status = i32;
 
 /// The call did what was asked.

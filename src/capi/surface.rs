@@ -84,10 +84,10 @@ pub unsafe extern "C" fn plp_surface_set_field(surface: *mut plp_surface, field:
     })
 }
 
-/// Takes the newest frame of the surface. Waits for a step in progress; a step that comes meanwhile waits until
-/// the arrays are filled, not until they are unmapped. The view's arrays are valid, and do not change, until
-/// plp_surface_unmap. Answers PLP_STOPPED, with the last frame,
-/// when the simulation is gone. view_size is sizeof(plp_surface_view).
+/// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
+/// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
+/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
+/// where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 #[unsafe(no_mangle)]
@@ -102,7 +102,8 @@ pub unsafe extern "C" fn plp_surface_map(
         check_unmapped(&body)?;
         let is_running = body.port.is_running() && !body.link.is_poisoned();
         // After a failure nothing new is shown.
-        let frame = view_of(&if is_running { body.port.map()? } else { body.port.last()? });
+        let frame = if is_running { body.port.map() } else { body.port.last() };
+        let frame = view_of(&frame.map_err(|error| Fault::new(PLP_ERR_STATE, error.to_string()))?);
         body.is_mapped = true;
         // SAFETY: checked above; the host offers `view_size` bytes.
         unsafe { write_output(view, view_size, &frame) };

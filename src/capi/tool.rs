@@ -46,8 +46,9 @@ pub unsafe extern "C" fn plp_tool_desc_init(desc: *mut plp_tool_desc, desc_size:
     boundary(|| unsafe { init_desc(desc, desc_size) })
 }
 
-/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose. The tool is the
-/// caller's, to be given to plp_tool_destroy, before or after the simulation.
+/// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose, which puts it there at
+/// once: start outside the tissue. The tool is the caller's, to be given to plp_tool_destroy, before or after
+/// the simulation.
 ///
 /// @thread owner
 #[unsafe(no_mangle)]
@@ -85,8 +86,8 @@ pub unsafe extern "C" fn plp_tool_destroy(tool: *mut plp_tool) -> plp_status {
 }
 
 /// Says where the tool is and how it moves. The simulation moves it there over its next step. A motion that
-/// is not finite, or whose quaternion is not nearly unit, answers PLP_ERR_ARGUMENT and leaves the tool where
-/// it was; a tool whose simulation is gone answers PLP_STOPPED.
+/// is not finite, lies more than 10 km from the origin, or whose quaternion is not nearly unit, answers
+/// PLP_ERR_ARGUMENT and leaves the tool where it was; a tool whose simulation is gone answers PLP_STOPPED.
 ///
 /// @thread port @rt
 #[unsafe(no_mangle)]
@@ -101,6 +102,7 @@ pub unsafe extern "C" fn plp_tool_set_pose(tool: *mut plp_tool, motion: *const p
         if !body.is_running() {
             return Ok(PLP_STOPPED);
         }
+        // The motion is valid, so that nothing is refused here, which would take memory for the words.
         body.port.set_motion(&motion).map_err(|_| PLP_ERR_ARGUMENT)?;
         Ok(PLP_OK)
     })

@@ -7,6 +7,7 @@ use super::lattice::{Lattice, flag};
 use super::law::CellLaw;
 use super::material::{MAX_MATERIALS, Material};
 use super::mesh::TriangleMesh;
+use super::pieces::loose_pieces;
 use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
@@ -99,6 +100,12 @@ impl Model {
     /// The nodes of each rigid region, by label, in slot order.
     pub fn regions(&self) -> &BTreeMap<u16, Vec<u32>> {
         &self.regions
+    }
+
+    /// Cells of each piece of tissue that hangs on nothing: joined to the largest piece by no node, and held by none.
+    /// Largest first. They are simulated as bodies of their own; nothing is removed.
+    pub fn loose_pieces(&self) -> Vec<usize> {
+        loose_pieces(&self.lattice)
     }
 
     /// Render surfaces in the order of [`Build::surfaces`]; one more follows when contact needed a surface of its own.
@@ -200,7 +207,7 @@ impl Build {
         self.grid.labels().iter().for_each(|&label| present[usize::from(label)] = true);
         if let Some(label) = (0..=u16::MAX).find(|l| present[usize::from(*l)] && !self.uses.contains_key(l)) {
             return Err(Error::argument(format!(
-                "label {label} occurs in the grid but nothing says what it becomes"
+                "label {label} occurs in the grid but nothing says what it becomes; name it, if only as empty"
             )));
         }
         for usage in self.uses.values() {

@@ -1,6 +1,6 @@
-//! A label grid: one integer per voxel, with its place in the world.
+//! Regular grids of voxels with their place in the world: labels, or intensities.
 //!
-//! Voxel `(i, j, k)` lies at `labels[i + nx * (j + ny * k)]` and its **centre** at
+//! Voxel `(i, j, k)` lies at `voxels[i + nx * (j + ny * k)]` and its **centre** at
 //! `frame * (i * spacing.x, j * spacing.y, k * spacing.z)`, in metres, in a right-handed world.
 
 use nalgebra::Matrix3x4;
@@ -13,13 +13,15 @@ use crate::math::{Pose, Vec3};
 /// terabytes.
 pub const MAX_VOXELS: usize = 1 << 31;
 
-/// Labels of a regular grid of voxels. Label 0 is a label like any other; what is empty is said when a model
-/// is built.
+/// A regular grid of voxels: a [`LabelGrid`] or an [`IntensityGrid`](super::intensity::IntensityGrid).
 #[derive(Clone, Debug)]
-pub struct LabelGrid {
+pub struct Grid<T> {
     placement: Placement,
-    labels: Vec<u16>,
+    voxels: Vec<T>,
 }
+
+/// One integer for each voxel. Label 0 is a label like any other; what is empty is said when a model is built.
+pub type LabelGrid = Grid<u16>;
 
 /// How a coarser (or finer) cubic cell takes its label from the voxels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,39 +33,39 @@ pub enum ResampleRule {
     Majority,
 }
 
-impl LabelGrid {
-    /// A grid from labels in memory.
+impl<T> Grid<T> {
+    /// A grid from voxels in memory, x fastest.
     ///
     /// `dims` is the voxel count along x, y, z; `spacing` the distance of neighbouring centres in metres;
     /// `frame` maps grid axes to the world, its translation being the centre of voxel (0, 0, 0).
-    pub fn new(dims: [usize; 3], spacing: Vec3, frame: Pose, labels: Vec<u16>) -> Result<Self> {
-        Self::from_placement(Placement::new(dims, spacing, frame)?, labels)
+    pub fn new(dims: [usize; 3], spacing: Vec3, frame: Pose, voxels: Vec<T>) -> Result<Self> {
+        Self::from_placement(Placement::new(dims, spacing, frame)?, voxels)
     }
 
-    /// A grid from labels in memory and the affine matrix that files carry.
+    /// A grid from voxels in memory, x fastest, and the affine matrix that files carry.
     ///
     /// `affine` maps a voxel index (i, j, k, 1) to the centre of that voxel in the world, in metres; its axes
     /// may have any direction and each its own spacing. Axes more than 0.06° from square are refused. A
     /// left-handed matrix is accepted: the voxels are then reversed along x, so that the grid's frame is
     /// right-handed and every voxel stays where it was.
-    pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut labels: Vec<u16>) -> Result<Self> {
+    pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut voxels: Vec<T>) -> Result<Self> {
         let (placement, is_reversed) = Placement::from_affine(dims, affine)?;
         if is_reversed {
-            reverse_x(&mut labels, dims);
+            reverse_x(&mut voxels, dims);
         }
-        Self::from_placement(placement, labels)
+        Self::from_placement(placement, voxels)
     }
 
-    pub(crate) fn from_placement(placement: Placement, labels: Vec<u16>) -> Result<Self> {
-        if labels.len() != placement.count() {
+    pub(crate) fn from_placement(placement: Placement, voxels: Vec<T>) -> Result<Self> {
+        if voxels.len() != placement.count() {
             return Err(Error::argument(format!(
-                "a grid of {:?} voxels needs {} labels, not {}",
+                "a grid of {:?} voxels needs {} values, not {}",
                 placement.dims,
                 placement.count(),
-                labels.len()
+                voxels.len()
             )));
         }
-        Ok(Self { placement, labels })
+        Ok(Self { placement, voxels })
     }
 
     /// Voxel counts along x, y, z.
@@ -81,15 +83,25 @@ impl LabelGrid {
         self.placement.frame
     }
 
+    pub(super) fn placement(&self) -> &Placement {
+        &self.placement
+    }
+
+    pub(super) fn voxels(&self) -> &[T] {
+        &self.voxels
+    }
+}
+
+impl LabelGrid {
     /// All labels, x fastest.
     pub fn labels(&self) -> &[u16] {
-        &self.labels
+        self.voxels()
     }
 
     /// The label of one voxel. The indices must lie inside the grid.
     pub fn label(&self, i: usize, j: usize, k: usize) -> u16 {
         let [nx, ny, _] = self.placement.dims;
-        self.labels[i + nx * (j + ny * k)]
+        self.voxels[i + nx * (j + ny * k)]
     }
 }
 

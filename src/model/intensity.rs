@@ -1,20 +1,12 @@
 //! A grid of intensities, such as Hounsfield units of a CT, and labels from it by thresholds.
 
-use nalgebra::Matrix3x4;
-
-use super::grid::LabelGrid;
-use super::placement::{Placement, reverse_x};
+use super::grid::{Grid, LabelGrid};
 use crate::error::{Error, Result};
-use crate::math::{Pose, Vec3};
 
-/// Intensities of a regular grid of voxels, placed in the world as a [`LabelGrid`] is.
+/// Intensities of a regular grid of voxels.
 ///
 /// Values are single precision whatever the file held: every 16-bit scanner value is exact in it.
-#[derive(Clone, Debug)]
-pub struct IntensityGrid {
-    placement: Placement,
-    values: Vec<f32>,
-}
+pub type IntensityGrid = Grid<f32>;
 
 /// Intensities that stand for one label.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,41 +20,9 @@ pub struct HounsfieldRange {
 }
 
 impl IntensityGrid {
-    /// A grid from intensities in memory, x fastest. `affine` maps a voxel index to the centre of that voxel
-    /// in the world, in metres; see [`LabelGrid::from_affine`].
-    pub fn from_affine(dims: [usize; 3], affine: &Matrix3x4<f64>, mut values: Vec<f32>) -> Result<Self> {
-        let (placement, is_reversed) = Placement::from_affine(dims, affine)?;
-        if values.len() != placement.count() {
-            return Err(Error::argument(format!(
-                "a grid of {dims:?} voxels needs {} intensities, not {}",
-                placement.count(),
-                values.len()
-            )));
-        }
-        if is_reversed {
-            reverse_x(&mut values, dims);
-        }
-        Ok(Self { placement, values })
-    }
-
-    /// Voxel counts along x, y, z.
-    pub fn dims(&self) -> [usize; 3] {
-        self.placement.dims
-    }
-
-    /// Distance of neighbouring voxel centres along x, y, z, in metres.
-    pub fn spacing(&self) -> Vec3 {
-        self.placement.spacing
-    }
-
-    /// Grid axes to world; the translation is the centre of voxel (0, 0, 0).
-    pub fn frame(&self) -> Pose {
-        self.placement.frame
-    }
-
     /// All intensities, x fastest.
     pub fn values(&self) -> &[f32] {
-        &self.values
+        self.voxels()
     }
 
     /// Labels by thresholds: the first range that holds a voxel names its label; voxels in no range, and
@@ -77,12 +37,14 @@ impl IntensityGrid {
             )));
         }
         let label = |v: f32| ranges.iter().find(|r| r.low <= v && v <= r.high).map_or(0, |r| r.label);
-        LabelGrid::from_placement(self.placement.clone(), self.values.iter().map(|&v| label(v)).collect())
+        LabelGrid::from_placement(self.placement().clone(), self.values().iter().map(|&v| label(v)).collect())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix3x4;
+
     use super::*;
 
     fn row(values: &[f32]) -> IntensityGrid {
@@ -109,13 +71,5 @@ mod tests {
         for (low, high) in [(1.0, 0.0), (f32::NAN, 0.0), (0.0, f32::NAN)] {
             assert!(row(&[0.0]).to_labels(&[HounsfieldRange { low, high, label: 1 }]).is_err());
         }
-    }
-
-    #[test]
-    fn left_handed_intensities_stay_where_they_were() {
-        let affine = Matrix3x4::new(-1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 1e-3, 0.0);
-        let grid = IntensityGrid::from_affine([3, 1, 1], &affine, vec![1.0, 2.0, 3.0]).unwrap();
-        assert_eq!(grid.values(), [3.0, 2.0, 1.0]);
-        assert!((grid.frame().translation.vector.x - -2e-3).abs() < 1e-15);
     }
 }

@@ -45,54 +45,64 @@ pub struct Preset {
     pub source: &'static str,
 }
 
-/// All presets. Bone is here for pictures and contact lists: make it rigid, since no explicit time
+/// All presets. A figure is either from the source named with it, or called an estimate there. Bone is here for pictures and contact lists: make it rigid, since no explicit time
 /// step affords its stiffness.
 pub const PRESETS: &[Preset] = &[
-    preset("lung", 2e3, 0.40, 300.0, LUNG),
-    preset("brain", 3e3, 0.49, 1040.0, BRAIN),
-    preset("fat", 3.25e3, 0.45, 950.0, FAT),
+    preset("lung", 2e3, 0.43, 300.0, LUNG),
+    preset("brain", from_shear(1.03e3, 0.49), 0.49, 1040.0, BRAIN),
+    preset("fat", from_shear(0.752e3, 0.45), 0.45, 950.0, FAT),
     preset("stomach", from_shear(0.637e3, 0.45), 0.45, 1058.0, ABDOMEN),
     preset("liver", from_shear(1.8e3, 0.45), 0.45, 1060.0, ABDOMEN),
     preset("diseased_liver", from_shear(19.8e3, 0.45), 0.45, 1060.0, ABDOMEN),
     preset("tumour", from_shear(23.4e3, 0.45), 0.45, 1060.0, TUMOUR),
     preset("gallbladder", from_shear(85e3, 0.45), 0.45, 1060.0, ABDOMEN),
     preset("bile_duct", from_shear(166e3, 0.45), 0.45, 1060.0, ABDOMEN),
-    preset("spleen", from_shear(3.6e3, 0.45), 0.45, 1060.0, SPLEEN),
-    preset("kidney", 12e3, 0.45, 1050.0, KIDNEY),
-    preset("muscle", 20e3, 0.45, 1060.0, MUSCLE),
-    preset("myocardium", 20e3, 0.45, 1053.0, MYOCARDIUM),
+    preset("spleen", from_shear(3.6e3, 0.45), 0.45, 1054.0, SPLEEN),
+    preset("kidney", from_shear(4.9e3, 0.45), 0.45, 1050.0, KIDNEY),
+    preset("muscle", from_shear(3.91e3, 0.45), 0.45, 1060.0, MUSCLE),
+    preset("myocardium", 20e3, 0.45, 1055.0, MYOCARDIUM),
     preset("vessel", from_shear(210e3, 0.45), 0.45, 1050.0, VESSEL),
-    preset("airway_wall", 100e3, 0.45, 1060.0, AIRWAY),
-    preset("skin", 150e3, 0.45, 1090.0, SKIN),
-    preset("bone", 10e9, 0.30, 1900.0, BONE),
+    preset("airway_wall", 100e3, 0.45, 1070.0, AIRWAY),
+    preset("skin", 129e3, 0.45, 1100.0, SKIN),
+    preset("bone", 10e9, 0.30, 1920.0, BONE),
 ];
 
-const LUNG: &str = "Typical of inflated lung parenchyma: published moduli run from under 1 kPa to 10 kPa \
-    with inflation. The density is what a CT value of -700 HU means.";
-const BRAIN: &str = "E and nu as in the brain indentation checks of Joldes et al. 2019 (MTLED suite, \
-    PMC6661214); density: ICRU Report 46, 1992.";
-const FAT: &str = "E: Samani, Zubovits and Plewes 2007, normal breast fat, 3.25 ± 0.91 kPa; density: \
-    adipose tissue, ICRU Report 46, 1992.";
+const LUNG: &str = "E and nu: indentation of inflated dog lobes gives E of about twice the inflation \
+    pressure, here 1 kPa, and nu of about 0.43 (paper: Elastic constants of inflated lobes of dog lungs). \
+    Density: an estimate, what a CT value of -700 HU means.";
+const BRAIN: &str = "Shear modulus: slow indentation of porcine white matter, 1.03 kPa, table 1 of J. Funct. \
+    Biomater. 3 (2012) 839 (PMC4030922). Density: ICRU Report 44. nu is an estimate: nearly \
+    incompressible.";
+const FAT: &str = "Shear modulus: magnetic resonance elastography of undeformed fat of the buttocks at 50 Hz, 0.752 \
+    kPa (Strain-dependent shear properties of human adipose tissue in vivo, J. Mech. Behav. Biomed. \
+    Mater. 2023); fat of the thigh was given 3.04 kPa (PMC4580449). Density: ICRU Report 44. nu is an \
+    estimate.";
 const ABDOMEN: &str = "Shear modulus and density: table 1 of Phys. Med. Biol. 64 (2019) 225001 \
-    (PMC6925591), with liver 1.8 ± 0.4 kPa, gallbladder 85 ± 8.2 kPa, bile duct 166 ± 67 kPa.";
+    (PMC6925591), with liver 1.8 ± 0.4 kPa, gallbladder 85 ± 8.2 kPa, bile duct 166 ± 67 kPa. nu is an \
+    estimate.";
 const TUMOUR: &str = "Hepatocellular carcinoma, shear modulus 23.4 kPa and density: table 1 of Phys. \
-    Med. Biol. 64 (2019) 225001 (PMC6925591).";
-const SPLEEN: &str = "Shear modulus: magnetic resonance elastography of healthy volunteers at 60 Hz, 3.6 \
-    kPa, Talwalkar et al. 2009; slow loading is softer. Density: ICRU Report 46, 1992.";
-const KIDNEY: &str = "Typical of elastography of the healthy cortex, where values run from 5 to 40 kPa; \
-    density: ICRU Report 46, 1992.";
-const MUSCLE: &str = "Typical of relaxed skeletal muscle across its fibres; tensed muscle is several \
-    times stiffer. Density: Mendez and Keys 1960.";
-const MYOCARDIUM: &str = "Typical of the relaxed heart at small strain, where values run from 10 to 60 \
-    kPa; density: Vinnakota and Bassingthwaighte 2004.";
+    Med. Biol. 64 (2019) 225001 (PMC6925591). nu is an estimate.";
+const SPLEEN: &str = "Shear modulus: magnetic resonance elastography of 12 healthy volunteers, 3.6 ± 0.3 \
+    kPa, Am. J. Roentgenol. 193 (2009) 122 (PMC2860633); slow loading is softer. Density: Kaye and Laby's \
+    tables. nu is an estimate.";
+const KIDNEY: &str = "Shear modulus: magnetic resonance elastography of 10 healthy volunteers at 45 Hz, 4.9 \
+    ± 0.5 kPa, J. Magn. Reson. Imaging 34 (2011) 880 (PMC3176985). Density: Kaye and Laby's tables. nu is \
+    an estimate.";
+const MUSCLE: &str = "Shear modulus: magnetic resonance elastography of the rectus femoris at rest, 3.91 ± \
+    0.16 kPa, PLoS ONE 10 (2015) e0138873 (PMC4580449); tensed muscle is stiffer. Density: the usual \
+    constant, Sci. Rep. 2021, s41598-021-81489-w. nu is an estimate.";
+const MYOCARDIUM: &str = "E and nu are estimates: somewhat stiffer than relaxed skeletal muscle. What is \
+    published is in part contradictory (review: Biophys. Rev. 13 (2021) 587). Density: the accepted value \
+    in BMC Med. Imaging 2019, s12880-019-0326-4.";
 const VESSEL: &str = "Hepatic artery, shear modulus 210 ± 47 kPa and density: table 1 of Phys. Med. \
-    Biol. 64 (2019) 225001 (PMC6925591). Veins are softer.";
-const AIRWAY: &str = "Typical in order of magnitude only, for a bronchial wall with its cartilage; \
-    density typical of soft tissue.";
-const SKIN: &str = "E: suction on living skin, 0.13 to 0.17 MPa, Barel, Courage and Clarys 1995; \
-    indentation gives far lower values. Density: ICRU Report 46, 1992.";
-const BONE: &str = "Typical of whole bone; cortical bone reaches 20 GPa (Rho, Ashman and Turner 1993). \
-    Density: cortical bone, about 1.9 g/cm³, ICRU Report 46, 1992.";
+    Biol. 64 (2019) 225001 (PMC6925591). nu is an estimate.";
+const AIRWAY: &str = "E is an estimate of its order of magnitude: tension of pig airways gave 8 to 31 kPa \
+    (doi 10.1152/japplphysiol.00090.2018), compression of human bronchial walls 0.17 to 1.65 MPa \
+    (arXiv:1111.5645). Density: half soft tissue, half cartilage, table 2 of PMC3859249. nu is an estimate.";
+const SKIN: &str = "E: suction on the forearms of 10 men, 129 ± 88 kPa, Skin Res. Technol. 6 (2000) 214; \
+    other methods give 5 kPa to 140 MPa. Density: table 1 of PMC4201780. nu is an estimate.";
+const BONE: &str = "E is an estimate for whole bone: nanoindentation of its lamellae gave 6.9 to 25 GPa, with \
+    nu taken as 0.3, J. Biomech. 32 (1999) 1005. Density: cortical bone, ICRU Report 44.";
 
 const fn preset(
     name: &'static str,

@@ -12,6 +12,7 @@ pub mod law;
 pub mod material;
 pub mod mesh;
 pub mod phantom;
+mod pieces;
 mod placement;
 mod resample;
 pub mod surface;

@@ -123,37 +123,30 @@ pub fn thorax(voxel_m: f64) -> Result<LabelGrid> {
     LabelGrid::new(dims, Vec3::repeat(voxel_m), Pose::translation(first.x, first.y, first.z), canvas.labels)
 }
 
-/// What each label of [`thorax`] becomes: air is empty, bone is rigid, all else is tissue.
+/// What each label of [`thorax`] becomes: air is empty, bone is rigid, all else is tissue; materials are the
+/// [`PRESETS`](super::material::PRESETS) of their kind.
 pub fn thorax_uses() -> BTreeMap<u16, LabelUse> {
     Label::ALL.into_iter().map(|label| (label as u16, label_use(label))).collect()
 }
 
 fn label_use(label: Label) -> LabelUse {
-    let tissue = |young_pa: f64, poisson: f64, density_kg_m3: f64| {
-        let name = label.name().to_string();
-        LabelUse::Tissue(Material { name, young_pa, poisson, density_kg_m3, damping_s: 0.0 })
+    let preset = match label {
+        Label::Outside | Label::AirwayLumen => return LabelUse::Empty,
+        Label::Lung => "lung",
+        Label::Vessel | Label::Aorta => "vessel",
+        Label::Muscle => "muscle",
+        Label::Heart => "myocardium",
+        Label::Fat => "fat",
+        Label::AirwayWall => "airway_wall",
+        Label::Bone => "bone",
+        Label::Spleen => "spleen",
+        Label::Tumour => "tumour",
+        Label::Skin => "skin",
+        Label::Liver => "liver",
     };
-    match label {
-        Label::Outside | Label::AirwayLumen => LabelUse::Empty,
-        Label::Lung => tissue(2e3, 0.40, 300.0),
-        Label::Vessel => tissue(100e3, 0.45, 1060.0),
-        Label::Muscle => tissue(20e3, 0.45, 1060.0),
-        Label::Heart => tissue(30e3, 0.45, 1060.0),
-        Label::Fat => tissue(3e3, 0.45, 920.0),
-        Label::Aorta => tissue(300e3, 0.45, 1060.0),
-        Label::AirwayWall => tissue(100e3, 0.45, 1060.0),
-        Label::Spleen => tissue(5e3, 0.45, 1060.0),
-        Label::Tumour => tissue(60e3, 0.45, 1050.0),
-        Label::Skin => tissue(100e3, 0.45, 1100.0),
-        Label::Liver => tissue(5.4e3, 0.45, 1060.0),
-        Label::Bone => LabelUse::Rigid(Material {
-            name: label.name().to_string(),
-            young_pa: 10e9,
-            poisson: 0.30,
-            density_kg_m3: 1900.0,
-            damping_s: 0.0,
-        }),
-    }
+    let known = Material::preset(preset).expect("the phantom's presets exist");
+    let material = Material { name: label.name().to_string(), ..known };
+    if label == Label::Bone { LabelUse::Rigid(material) } else { LabelUse::Tissue(material) }
 }
 
 /// Voxels that shapes are drawn into, in the order of the calls.

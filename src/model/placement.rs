@@ -4,7 +4,7 @@ use nalgebra as na;
 
 use super::grid::voxel_count;
 use crate::error::{Error, Result};
-use crate::math::{Mat3, Pose, Vec3};
+use crate::math::{FAR_M, Mat3, Pose, Vec3};
 
 /// Voxel to world: the first three columns are the steps along i, j, k, the last is the centre of voxel (0,
 /// 0, 0); metres.
@@ -31,8 +31,11 @@ impl Placement {
                 "voxel spacing ({x}, {y}, {z}) m is not between 1e-6 m and 1 m"
             )));
         }
-        if !frame.to_homogeneous().iter().all(|x| x.is_finite()) {
-            return Err(Error::argument("the frame of a grid must be finite"));
+        let is_near = frame.translation.vector.iter().all(|x| x.abs() <= FAR_M);
+        if !is_near || !frame.rotation.coords.iter().all(|x| x.is_finite()) {
+            return Err(Error::argument(format!(
+                "the frame of a grid must be finite and within {FAR_M} m of the origin"
+            )));
         }
         Ok(Self { dims, spacing, frame })
     }
@@ -175,6 +178,8 @@ mod tests {
         }
         let good = Mat3::identity() * 1e-3;
         assert!(Placement::from_affine([2, 0, 2], &affine(good, Vec3::zeros())).is_err());
-        assert!(Placement::from_affine([2, 2, 2], &affine(good, Vec3::repeat(f64::INFINITY))).is_err());
+        for far in [f64::INFINITY, 1e300, 2.0 * FAR_M] {
+            assert!(Placement::from_affine([2, 2, 2], &affine(good, Vec3::repeat(far))).is_err());
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! Tools: rigid shapes that press tissue, where they are, and what they feel.
 
 use crate::error::{Error, Result};
+pub use crate::math::FAR_M;
 use crate::math::{Pose, Vec3};
 
 /// A convex primitive, centred at the origin of its own frame.
@@ -32,7 +33,7 @@ pub enum Shape {
 pub struct ToolDesc {
     /// The shapes and their poses in the tool's frame `[1 to 16]`.
     pub parts: Vec<(Pose, Shape)>,
-    /// Coulomb friction coefficient between tool and tissue, at least 0.
+    /// Coulomb friction coefficient between tool and tissue, 0 to 100.
     pub friction: f64,
 }
 
@@ -98,20 +99,25 @@ impl ToolDesc {
                 self.parts.len()
             )));
         }
-        if !(self.friction.is_finite() && self.friction >= 0.0) {
-            return Err(Error::argument(format!("friction {} is not a number of at least 0", self.friction)));
+        if !(0.0..=MAX_FRICTION).contains(&self.friction) {
+            return Err(Error::argument(format!(
+                "friction {} is not between 0 and {MAX_FRICTION}",
+                self.friction
+            )));
         }
         self.parts.iter().try_for_each(|(pose, shape)| {
-            if !finite(pose) {
-                return Err(Error::argument("the pose of a tool's part must be finite"));
+            if !is_near(pose) {
+                return Err(Error::argument(format!(
+                    "the pose of a tool's part must be finite and within {FAR_M} m of the tool's origin"
+                )));
             }
             shape.check()
         })
     }
 }
 
-/// Farthest from the world's origin, along each axis, that a tool or a rigid region may be, in m.
-pub const FAR_M: f64 = 1e4;
+/// Largest friction coefficient: far beyond any pair of materials.
+pub const MAX_FRICTION: f64 = 100.0;
 
 /// Most shapes in one tool.
 pub const MAX_PARTS: usize = 16;
@@ -122,16 +128,18 @@ impl ToolMotion {
         Self { pose, linear_m_s: Vec3::zeros(), angular_rad_s: Vec3::zeros() }
     }
 
-    /// Refuses anything that is not finite.
+    /// Whether all of it is finite and the tool within [`FAR_M`] of the origin. Allocates nothing.
+    pub fn is_valid(&self) -> bool {
+        self.linear_m_s.iter().chain(self.angular_rad_s.iter()).all(|x| x.is_finite()) && is_near(&self.pose)
+    }
+
+    /// Refuses what is not valid, in words.
     pub fn check(&self) -> Result<()> {
-        let vectors = self.linear_m_s.iter().chain(self.angular_rad_s.iter()).all(|x| x.is_finite());
-        let is_near = self.pose.translation.vector.iter().all(|x| x.abs() <= FAR_M);
-        if !vectors || !is_near || !finite(&self.pose) {
-            return Err(Error::argument(format!(
+        self.is_valid().then_some(()).ok_or_else(|| {
+            Error::argument(format!(
                 "a tool's pose and velocity must be finite, and the tool within {FAR_M} m of the origin"
-            )));
-        }
-        Ok(())
+            ))
+        })
     }
 }
 
@@ -268,6 +276,7 @@ impl ToolPath {
     }
 }
 
-fn finite(pose: &Pose) -> bool {
-    pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|x| x.is_finite())
+fn is_near(pose: &Pose) -> bool {
+    pose.translation.vector.iter().all(|x| x.abs() <= FAR_M)
+        && pose.rotation.coords.iter().all(|x| x.is_finite())
 }

@@ -119,6 +119,9 @@ static void grids(void) {
     desc = good_model();
     memset(&grid.frame, 0, sizeof grid.frame); /* a quaternion of no length */
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
+    desc = good_model();
+    grid.frame.position_m[0] = 1e300; /* finite, and nowhere */
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
 
     const double cells[] = {-1.0, NAN, 1e-9};
     for (size_t i = 0; i < sizeof cells / sizeof *cells; ++i) {
@@ -209,6 +212,12 @@ static void surfaces_and_fixes(void) {
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     CHECK(strstr(plp_last_error(), "vertex 3") || strstr(plp_last_error(), "triangle 0"));
     source.triangles = good;
+    const float nowhere[3][3] = {{0, 0, 0}, {NAN, 0, 0}, {0, 0.01f, 0}}, far[3][3] = {{0, 0, 0}, {3e38f, 0, 0}, {0, 1, 0}};
+    source.positions = &nowhere[0][0];
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
+    source.positions = &far[0][0]; /* not on the tissue */
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
+    source.positions = &corners[0][0];
     source.position_stride = 4; /* less than three floats */
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     source.position_stride = 0;
@@ -218,6 +227,18 @@ static void surfaces_and_fixes(void) {
     source.kind = 9;
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     source.kind = PLP_SURFACE_FILE;
+    MODEL_ANSWERS(PLP_ERR_NULL);
+
+    const uint16_t absent = 77;
+    memset(&source, 0, sizeof source);
+    source.kind = PLP_SURFACE_LABELS;
+    source.labels = &absent; /* a label that no voxel has */
+    source.label_count = 1;
+    desc = good_model();
+    desc.surfaces = &source;
+    desc.surface_count = 1;
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
+    source.labels = NULL;
     MODEL_ANSWERS(PLP_ERR_NULL);
 
     desc = good_model();
@@ -294,6 +315,15 @@ static void simulations(void) {
     desc.flags |= 0x80000000;
     ANSWERS(PLP_ERR_UNSUPPORTED, plp_sim_create(model, &desc, &sim));
     desc = plp_sim_desc_default();
+    desc.threads = 1000000;
+    ANSWERS(PLP_ERR_LIMIT, plp_sim_create(model, &desc, &sim));
+    desc = plp_sim_desc_default();
+    desc.substeps = UINT32_MAX;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc = plp_sim_desc_default();
+    desc.drag_per_s = -1.0;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc = plp_sim_desc_default();
     desc.precision = 7;
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
     CHECK(sim == (plp_sim *)UNTOUCHED);
@@ -366,7 +396,12 @@ static void tools_and_surfaces(void) {
     desc.part_count = 1;
     desc.friction = NAN;
     ANSWERS(PLP_ERR_ARGUMENT, plp_tool_create(sim, &desc, &tool));
+    desc.friction = 1e300;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_tool_create(sim, &desc, &tool));
     desc.friction = 0;
+    parts[0].pose.position_m[1] = 1e300;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_tool_create(sim, &desc, &tool));
+    parts[0] = plp_sphere(0.01);
     parts[0].radius_m = 0;
     ANSWERS(PLP_ERR_ARGUMENT, plp_tool_create(sim, &desc, &tool));
     parts[0] = plp_sphere(0.01);
@@ -384,6 +419,8 @@ static void tools_and_surfaces(void) {
     CHECK(plp_tool_set_pose(tool, &motion) == PLP_OK);
     ANSWERS(PLP_OK, plp_sim_step(sim));
     motion.pose.position_m[2] = NAN;
+    CHECK(plp_tool_set_pose(tool, &motion) == PLP_ERR_ARGUMENT);
+    motion = plp_motion_at(1e6, 0, 0);
     CHECK(plp_tool_set_pose(tool, &motion) == PLP_ERR_ARGUMENT);
     motion = plp_motion_at(0, 0, 0);
     motion.linear_m_s[0] = INFINITY;
@@ -409,7 +446,12 @@ static void tools_and_surfaces(void) {
     ANSWERS(PLP_ERR_ARGUMENT, plp_surface_set_field(surface, 99));
     ANSWERS(PLP_OK, plp_surface_destroy(surface));
     ANSWERS(PLP_OK, plp_tool_destroy(tool));
+
+    /* A port that never saw a frame has none to show. */
+    ANSWERS(PLP_OK, plp_surface_create(sim, 0, &surface));
     ANSWERS(PLP_OK, plp_sim_destroy(sim));
+    ANSWERS(PLP_ERR_STATE, plp_surface_map(surface, &view, sizeof view));
+    ANSWERS(PLP_OK, plp_surface_destroy(surface));
     ANSWERS(PLP_OK, plp_model_destroy(model));
 }
 

@@ -77,11 +77,12 @@ static atomic_int done;
 
 /* One life of a servo thread: every @rt function, with good and with bad arguments. */
 static void *servo(void *unused) {
-    plp_motion good = plp_motion_at(0.02, 0.02, 0.046), bad = good;
+    plp_motion good = plp_motion_at(0.02, 0.02, 0.046), bad = good, far = good;
     plp_force force;
     int answers[8];
     (void)unused;
     bad.pose.rotation[3] = 0.0;
+    far.pose.position_m[0] = 1e9;
 
     armed = 1;
     for (int i = 0; i < 2000; ++i) {
@@ -93,10 +94,12 @@ static void *servo(void *unused) {
         answers[4] = set_pose(NULL, &good);
         answers[5] = get_force(tool, NULL);
         answers[6] = get_force(NULL, &force);
+        answers[7] = set_pose(tool, &far);
     }
     armed = 0;
 
     CHECK(answers[0] == PLP_OK && answers[1] == PLP_OK && answers[2] == PLP_ERR_ARGUMENT);
+    CHECK(answers[7] == PLP_ERR_ARGUMENT);
     for (int i = 3; i < 7; ++i) {
         CHECK(answers[i] == PLP_ERR_NULL);
     }

@@ -1,0 +1,210 @@
+//! How a simulation runs, what acts on it, and how it is doing.
+
+use std::ffi::c_void;
+use std::mem::offset_of;
+
+use super::super::boundary::{Desc, Output};
+use super::{plp_box, plp_log_fn, plp_pose};
+
+/// Steps compute in 32-bit floating point.
+pub const PLP_PRECISION_SINGLE: u32 = 0;
+/// Steps compute in 64-bit floating point.
+pub const PLP_PRECISION_DOUBLE: u32 = 1;
+
+/// A bit of plp_sim_desc.flags (default on): quiet regions fall asleep and stay as anchors.
+pub const PLP_SIM_SLEEPING: u32 = 1;
+/// A bit of plp_sim_desc.flags (default on): the model's rest shape already balances gravity_m_s2, so that
+/// nothing sags at the start.
+pub const PLP_SIM_REST_UNDER_GRAVITY: u32 = 2;
+
+/// How a simulation runs. Fill it with plp_sim_desc_init (or plp_sim_desc_default), then change what you
+/// need.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct plp_sim_desc {
+    /// The size of this struct as the caller knows it.
+    pub struct_size: u32,
+    /// PLP_SIM_SLEEPING and so on, or'ed.
+    pub flags: u32,
+    /// PLP_PRECISION_SINGLE (default) or PLP_PRECISION_DOUBLE.
+    pub precision: u32,
+    /// Threads that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
+    /// core to a servo thread.
+    pub threads: u32,
+    /// Simulated length of a step in seconds (default 0.001).
+    pub step_s: f64,
+    /// Gravity in m/s^2, world frame (default 0).
+    pub gravity_m_s2: [f64; 3],
+    /// Background drag in 1/s (default 5): every node loses this part of its momentum each second.
+    pub drag_per_s: f64,
+    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it.
+    pub substeps: u32,
+    /// Must be 0.
+    pub reserved: u32,
+    /// Told about the simulation, within the calls that cause it. @nullable
+    pub log: plp_log_fn,
+    /// Given to log. @nullable
+    pub log_user: *mut c_void,
+}
+
+// SAFETY: repr(C), integers, doubles, a raw pointer and an optional function pointer, 4-byte fields in pairs.
+unsafe impl Desc for plp_sim_desc {
+    const NAME: &'static str = "plp_sim_desc";
+    const FIRST_SIZE: usize = offset_of!(Self, log_user) + size_of::<*mut c_void>();
+    fn with_defaults() -> Self {
+        let defaults = crate::sim::SimDesc::default();
+        let flag = |on: bool, bit: u32| if on { bit } else { 0 };
+        Self {
+            struct_size: size_of::<Self>() as u32,
+            flags: flag(defaults.sleeping, PLP_SIM_SLEEPING)
+                | flag(defaults.rest_under_gravity, PLP_SIM_REST_UNDER_GRAVITY),
+            precision: PLP_PRECISION_SINGLE,
+            threads: defaults.threads as u32,
+            step_s: defaults.step_s,
+            gravity_m_s2: defaults.gravity_m_s2.into(),
+            drag_per_s: defaults.drag_per_s,
+            substeps: defaults.substeps.unwrap_or(0),
+            reserved: 0,
+            log: None,
+            log_user: std::ptr::null_mut(),
+        }
+    }
+}
+
+/// A force at a material point.
+pub const PLP_LOAD_POINT: u32 = 0;
+/// A force per rest area on boundary faces of cells, of constant direction.
+pub const PLP_LOAD_TRACTION: u32 = 1;
+/// A pressure on boundary faces of cells; it pushes against the outward normal and follows the deformed
+/// surface.
+pub const PLP_LOAD_PRESSURE: u32 = 2;
+
+/// A load that acts until it is removed. Fill it with plp_load_init (or plp_load_default), then set what its
+/// kind needs.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct plp_load {
+    /// The size of this struct as the caller knows it.
+    pub struct_size: u32,
+    /// PLP_LOAD_POINT, PLP_LOAD_TRACTION or PLP_LOAD_PRESSURE.
+    pub kind: u32,
+    /// POINT: the rest position in metres, inside the tissue, world frame.
+    pub at_m: [f64; 3],
+    /// POINT: the force in N, world frame.
+    pub force_n: [f64; 3],
+    /// TRACTION: force per area in Pa, world frame.
+    pub traction_pa: [f64; 3],
+    /// PRESSURE: in Pa; negative pulls.
+    pub pressure_pa: f64,
+    /// TRACTION, PRESSURE: the boundary faces whose rest centres lie in this box.
+    pub region: plp_box,
+}
+
+// SAFETY: repr(C), two integers, then doubles.
+unsafe impl Desc for plp_load {
+    const NAME: &'static str = "plp_load";
+    const FIRST_SIZE: usize = offset_of!(Self, region) + size_of::<plp_box>();
+    fn with_defaults() -> Self {
+        Self {
+            struct_size: size_of::<Self>() as u32,
+            kind: PLP_LOAD_POINT,
+            at_m: [0.0; 3],
+            force_n: [0.0; 3],
+            traction_pa: [0.0; 3],
+            pressure_pa: 0.0,
+            region: plp_box {
+                pose: plp_pose { position_m: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] },
+                half_extents_m: [0.0; 3],
+            },
+        }
+    }
+}
+
+/// What a ray met.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct plp_pick {
+    /// Where, world frame, metres.
+    pub point_m: [f64; 3],
+    /// Outward unit normal of the triangle there.
+    pub normal: [f64; 3],
+    /// Distance along the ray in metres.
+    pub distance_m: f64,
+    /// The triangle of the contact surface.
+    pub triangle: u32,
+    /// Material of the tissue, from 1.
+    pub material: u32,
+}
+
+/// How a simulation is doing.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct plp_statistics {
+    /// Steps since creation.
+    pub steps: u64,
+    /// Substeps since creation.
+    pub substeps: u64,
+    /// Simulated time in seconds.
+    pub time_s: f64,
+    /// Length of the last substep in seconds.
+    pub substep_s: f64,
+    /// Largest stable substep at rest in seconds, damping included.
+    pub stable_substep_s: f64,
+    /// Wall-clock time of the last step in seconds.
+    pub step_wall_s: f64,
+    /// Simulated time over wall-clock time of the last step: at least 1 keeps up with the world.
+    pub real_time_factor: f64,
+    /// All nodes.
+    pub node_count: u64,
+    /// Nodes integrated in the last substep.
+    pub awake_node_count: u64,
+    /// Bytes held for the nodes' state and topology.
+    pub node_bytes: u64,
+    /// Largest |1 - L/l| of a spring along a cell's edge in the last substep, l being its length and L its rest length.
+    pub max_strain: f64,
+    /// Smallest volume ratio of a cell with a Poisson ratio above 1/4 in the last substep; 1 is undeformed, at most 0 is
+    /// inside out.
+    pub min_volume_ratio: f64,
+    /// Largest volume ratio of such a cell in the last substep.
+    pub max_volume_ratio: f64,
+    /// Substeps in the last step.
+    pub substeps_per_step: u32,
+    /// Surface points in contact in the last substep.
+    pub contact_point_count: u32,
+    /// Surface points in tools since creation that were left out, because more were touched at once than there is room
+    /// for. A force is then too small.
+    pub dropped_point_count: u64,
+}
+
+// SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
+unsafe impl Output for plp_statistics {
+    const NAME: &'static str = "plp_statistics";
+    const FIRST_SIZE: usize = offset_of!(Self, dropped_point_count) + size_of::<u64>();
+}
+
+/// Energies in J, computed in double precision when asked for.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct plp_energy {
+    /// Kinetic energy.
+    pub kinetic_j: f64,
+    /// Elastic energy of springs and volume terms.
+    pub elastic_j: f64,
+    /// Potential energy under the gravity in force; balanced gravity counts as none.
+    pub gravity_j: f64,
+    /// Work that tools have done on the tissue since creation.
+    pub tool_work_j: f64,
+}
+
+// SAFETY: repr(C), doubles.
+unsafe impl Output for plp_energy {
+    const NAME: &'static str = "plp_energy";
+    const FIRST_SIZE: usize = offset_of!(Self, tool_work_j) + size_of::<f64>();
+}
+
+/// Rest positions of nodes in metres, world frame.
+pub const PLP_NODES_REST_POSITION: u32 = 0;
+/// Displacements of nodes in metres, world axes.
+pub const PLP_NODES_DISPLACEMENT: u32 = 1;
+/// Velocities of nodes in m/s, world axes.
+pub const PLP_NODES_VELOCITY: u32 = 2;

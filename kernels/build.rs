@@ -10,7 +10,7 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become one image.
-const IMAGES: [&str; 3] = ["lattice", "contact", "report"];
+const IMAGES: [&str; 4] = ["lattice", "contact", "surface", "report"];
 /// What they include.
 const HEADERS: [&str; 3] = ["contact.cuh", "law.cuh", "layout.cuh"];
 /// The compiler that made the images in `kernels/prebuilt`.

@@ -169,3 +169,28 @@ struct Contact {
     float* points;  // [2][POINT_FIELDS][MAX_POINTS]
     ToolSum* sums;
 };
+
+// From the model's frame to the world's: a rotation matrix, row by row, and the edge of a cell in m.
+struct Frame {
+    float turn[9];
+    float cell;
+};
+
+// A surface that is shown. World frame.
+struct Surface {
+    uint32_t vertices;
+    // Whether the scalar is the strain; else the displacement.
+    uint32_t strain;
+    Frame frame;
+    const float4* u;
+    const float* rest;           // [3 * vertices]
+    const uint32_t* row_nodes;   // [8 * vertices]
+    const float* row_weights;    // [8 * vertices]
+    const uint32_t* cells;       // [8 * vertices]; ~0 where there is none
+    const uint32_t* triangles;   // [3 * triangles]
+    const uint32_t* triangle_starts;
+    const uint32_t* triangle_of;
+    float4* positions;
+    float4* normals;
+    float* scalars;
+};

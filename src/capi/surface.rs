@@ -100,10 +100,10 @@ pub unsafe extern "C" fn plp_surface_map(
         let mut body = handle::hold(surface).map_err(handle::fault::<plp_surface>)?;
         check_output(view, view_size)?;
         check_unmapped(&body)?;
-        let is_running = body.port.is_running() && !body.link.is_poisoned();
         // After a failure nothing new is shown.
-        let frame = if is_running { body.port.map() } else { body.port.last() };
-        let frame = view_of(&frame.map_err(|error| Fault::new(PLP_ERR_STATE, error.to_string()))?);
+        let frame = if body.link.is_poisoned() { body.port.last() } else { body.port.map() };
+        let frame = frame.map_err(|error| Fault::new(PLP_ERR_STATE, error.to_string()))?;
+        let (frame, is_running) = (view_of(&frame), frame.is_running);
         body.is_mapped = true;
         // SAFETY: checked above; the host offers `view_size` bytes.
         unsafe { write_output(view, view_size, &frame) };

@@ -220,15 +220,16 @@ impl ContactSurface {
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
+                let device = &stream.device;
                 kernels.contact_resolve.launch(
-                    &stream.device,
+                    device,
                     stream.handle,
                     1,
                     THREADS,
                     EXCHANGE_BYTES,
                     arguments,
-                )?
-            };
+                )?;
+            }
         }
         Ok(())
     }

@@ -111,8 +111,8 @@ impl Device {
     /// Makes the context current on this thread until the guard is dropped; the host's own context is then current again.
     pub(super) fn enter(&self) -> Result<Entered<'_>> {
         // SAFETY: the context is held.
-        self.driver
-            .check(unsafe { (self.driver.ctx_push_current)(self.context) }, "entering the GPU's context")?;
+        let status = unsafe { (self.driver.ctx_push_current)(self.context) };
+        self.driver.check(status, "entering the GPU's context")?;
         Ok(Entered { device: self, here: PhantomData })
     }
 }

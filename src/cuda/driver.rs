@@ -46,7 +46,6 @@ macro_rules! functions {
 
 functions! {
     init = "cuInit"(c_uint);
-    driver_get_version = "cuDriverGetVersion"(*mut c_int);
     get_error_name = "cuGetErrorName"(c_int, *mut *const c_char);
     device_get_count = "cuDeviceGetCount"(*mut c_int);
     device_get = "cuDeviceGet"(*mut CUdevice, c_int);
@@ -73,7 +72,6 @@ functions! {
     mem_host_get_device_pointer = "cuMemHostGetDevicePointer_v2"(*mut CUdeviceptr, *mut c_void, c_uint);
     memcpy_to_device = "cuMemcpyHtoDAsync_v2"(CUdeviceptr, *const c_void, usize, CUstream);
     memcpy_to_host = "cuMemcpyDtoHAsync_v2"(*mut c_void, CUdeviceptr, usize, CUstream);
-    memcpy_on_device = "cuMemcpyDtoDAsync_v2"(CUdeviceptr, CUdeviceptr, usize, CUstream);
     memset_words = "cuMemsetD32Async"(CUdeviceptr, c_uint, usize, CUstream);
     module_load_data = "cuModuleLoadData"(*mut CUmodule, *const c_void);
     module_unload = "cuModuleUnload"(CUmodule);

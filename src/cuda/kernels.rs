@@ -12,6 +12,7 @@ use crate::error::Result;
 /// Machine code for common GPUs and PTX for the rest, one image for each source file of `kernels/`.
 const LATTICE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/lattice.fatbin"));
 const CONTACT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/contact.fatbin"));
+const SURFACE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/surface.fatbin"));
 const REPORT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/report.fatbin"));
 
 /// A module's functions live as long as it does.
@@ -84,9 +85,13 @@ pub struct Kernels {
     pub contact_list: Kernel,
     /// Pushes the tissue out of the tools.
     pub contact_resolve: Kernel,
+    /// Moves a surface's vertices.
+    pub surface_positions: Kernel,
+    /// And its normals.
+    pub surface_normals: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 3],
+    _modules: [Module; 4],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -95,8 +100,10 @@ unsafe impl Send for Kernels {}
 impl Kernels {
     /// Loads the kernels for a model with or without volume terms and damped springs.
     pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
-        let [lattice, contact, report] = [LATTICE, CONTACT, REPORT].map(|image| Module::load(device, image));
-        let (lattice, contact, report) = (lattice?, contact?, report?);
+        let lattice = Module::load(device, LATTICE)?;
+        let contact = Module::load(device, CONTACT)?;
+        let surface = Module::load(device, SURFACE)?;
+        let report = Module::load(device, REPORT)?;
         let substep = match (volumetric, damped) {
             (false, false) => c"lattice_plain",
             (true, false) => c"lattice_volume",
@@ -108,8 +115,10 @@ impl Kernels {
             contact_near: contact.function(c"contact_near")?,
             contact_list: contact.function(c"contact_list")?,
             contact_resolve: contact.sharing_function(c"contact_resolve", EXCHANGE_BYTES)?,
+            surface_positions: surface.function(c"surface_positions")?,
+            surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,
-            _modules: [lattice, contact, report],
+            _modules: [lattice, contact, surface, report],
         })
     }
 }

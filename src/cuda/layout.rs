@@ -255,3 +255,31 @@ pub struct Moment {
     pub tissue_moves: u32,
     pub is_last: u32,
 }
+
+/// From the model's frame to the world's.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Frame {
+    pub turn: [f32; 9],
+    pub cell: f32,
+}
+
+/// A surface that is shown. World frame.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Surface {
+    pub vertices: u32,
+    pub strain: u32,
+    pub frame: Frame,
+    pub u: CUdeviceptr,
+    pub rest: CUdeviceptr,
+    pub row_nodes: CUdeviceptr,
+    pub row_weights: CUdeviceptr,
+    pub cells: CUdeviceptr,
+    pub triangles: CUdeviceptr,
+    pub triangle_starts: CUdeviceptr,
+    pub triangle_of: CUdeviceptr,
+    pub positions: CUdeviceptr,
+    pub normals: CUdeviceptr,
+    pub scalars: CUdeviceptr,
+}

@@ -11,6 +11,7 @@ mod kernels;
 mod layout;
 mod memory;
 pub mod solver;
+mod surface;
 
 /// An argument of a kernel.
 fn pointer<T>(value: &mut T) -> *mut std::ffi::c_void {

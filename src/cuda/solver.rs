@@ -16,6 +16,7 @@ use super::kernels::Kernels;
 use super::layout::{Law, MARK_BYTES, Pass, Report, SOUND, Step, ToolStep};
 use super::memory::{Buffer, Pinned, Stream};
 use super::pointer;
+use super::surface::SurfaceOnDevice;
 use crate::cpu::stability;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -39,6 +40,8 @@ pub struct CudaSolver {
     step: Pinned<Step>,
     report: Pinned<Report>,
     contact: ContactSurface,
+    /// Surfaces that were shown.
+    surfaces: Vec<Option<SurfaceOnDevice>>,
     /// Recorded steps by the number of their substeps, the copy of `u` that they start from, and what contact does.
     graphs: HashMap<(u32, usize, Plan), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
@@ -155,6 +158,7 @@ impl CudaSolver {
             step: Pinned::new(&stream)?,
             report: Pinned::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
+            surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
             speed: 0.0,
             origins: Vec::new(),
@@ -324,6 +328,21 @@ impl CudaSolver {
         failed.map(|()| omega)
     }
 
+    /// Moves a surface on the device and fetches its arrays.
+    fn fill(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
+        if self.surfaces[index].is_none() {
+            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
+        }
+        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
+        surface.publish(
+            &self.kernels,
+            &self.stream,
+            &self.state.pass(self.state.current, 1, false),
+            field,
+            arrays,
+        )
+    }
+
     /// The nodes as they are now.
     fn look<T>(&self, see: impl FnOnce(&Mirror) -> T) -> T {
         let mut mirror = self.mirror.borrow_mut();
@@ -405,7 +424,10 @@ impl Solver for CudaSolver {
         self.contact.contacts_of(tool as u32, origin, self.last_dt).unwrap_or_default()
     }
 
-    fn publish(&mut self, _surface: usize, _field: SurfaceField, _arrays: &mut SurfaceArrays) {}
+    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) {
+        // A device that is lost leaves the arrays as they are; the next step says so.
+        let _ = self.fill(surface, field, arrays);
+    }
 
     fn displacement(&self, slot: u32) -> Vec3 {
         self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.u[slot as usize][axis])))
@@ -442,7 +464,16 @@ impl Solver for CudaSolver {
     }
 
     fn accelerations(&mut self) -> Vec<Vec3> {
-        Vec::new()
+        let (u, v) = self.look(|mirror| (mirror.u.clone(), mirror.v.clone()));
+        let slots = self.model.lattice().slot_count();
+        let found = self.forces_of(&u).and_then(|a| {
+            self.state.u.iter().try_for_each(|copy| copy.write(0, &u))?;
+            self.state.v.iter().try_for_each(|copy| copy.write(0, &v))?;
+            Ok(a)
+        });
+        // A device that is lost answers nothing; the next step says so.
+        let a = found.unwrap_or_else(|_| vec![0.0; 3 * slots]);
+        (0..slots).map(|slot| Vec3::from_fn(|axis, _| f64::from(a[number(slot, axis)]))).collect()
     }
 
     fn wake(&mut self) {}

@@ -324,15 +324,23 @@ impl Build {
                     "a box of held nodes needs a finite pose and half extents of at least 0",
                 ));
             }
+            if fix.axes == [false; 3] {
+                return Err(Error::argument("a box of held nodes must hold at least one axis"));
+            }
             let to_box = fix.pose.inverse() * frame;
             let bits = (0..3).filter(|&a| fix.axes[a]).fold(0, |bits, a| bits | flag::FIX_X << a);
             // A node on the border is inside, whatever rounding says.
             let reach = fix.half_extents + Vec3::repeat(1e-6 * lattice.cell_m());
+            let mut holds_any = false;
             for slot in 0..lattice.slot_count() as u32 {
                 let p = to_box.transform_point(&lattice.rest_position(slot).into()).coords;
                 if (0..3).all(|a| p[a].abs() <= reach[a]) {
                     lattice.flags[slot as usize] |= bits;
+                    holds_any |= lattice.words[slot as usize] != 0;
                 }
+            }
+            if !holds_any {
+                return Err(Error::argument("a box of held nodes holds no node of the tissue"));
             }
         }
         Ok(())

@@ -105,11 +105,13 @@ impl LabelGrid {
     }
 }
 
-/// The number of voxels, refused when empty or above [`MAX_VOXELS`].
+/// The number of voxels, refused when there is none or there are more than [`MAX_VOXELS`].
 pub fn voxel_count(dims: [usize; 3]) -> Result<usize> {
-    dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).filter(|&n| n > 0 && n <= MAX_VOXELS).ok_or_else(
-        || Error::Limit(format!("a grid of {dims:?} voxels is empty or has more than {MAX_VOXELS}")),
-    )
+    if dims.contains(&0) {
+        return Err(Error::argument(format!("a grid of {dims:?} voxels is empty")));
+    }
+    let count = dims.iter().try_fold(1_usize, |n, &d| n.checked_mul(d)).filter(|&n| n <= MAX_VOXELS);
+    count.ok_or_else(|| Error::Limit(format!("a grid of {dims:?} voxels has more than {MAX_VOXELS}")))
 }
 
 #[cfg(test)]
@@ -140,9 +142,10 @@ mod tests {
 
     #[test]
     fn grids_of_terabytes_are_refused_before_anything_else() {
-        for dims in [[usize::MAX, 2, 2], [1 << 16, 1 << 16, 2], [0, 1, 1]] {
+        for dims in [[usize::MAX, 2, 2], [1 << 16, 1 << 16, 2]] {
             assert!(matches!(voxel_count(dims), Err(Error::Limit(_))));
         }
+        assert!(matches!(voxel_count([0, 1, 1]), Err(Error::Argument(_))));
         assert_eq!(voxel_count([1 << 11, 1 << 10, 1 << 10]).unwrap(), MAX_VOXELS);
     }
 }

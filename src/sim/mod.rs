@@ -19,11 +19,11 @@ pub use crate::solver::SurfaceField;
 
 use self::state::State;
 use crate::error::{Error, Result};
-use crate::math::{Pose, Vec3};
+use crate::math::{FAR_M, Pose, Vec3};
 use crate::model::Model;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
-use crate::solver::tool::{Contact, FAR_M, ToolDesc};
+use crate::solver::tool::{Contact, ToolDesc};
 
 /// The arithmetic of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -107,7 +107,7 @@ impl SimDesc {
         if self.threads > MAX_THREADS {
             return Err(Error::Limit(format!("{} threads are more than {MAX_THREADS}", self.threads)));
         }
-        check_finite("gravity", self.gravity_m_s2)
+        check_gravity(self.gravity_m_s2)
     }
 }
 
@@ -115,6 +115,8 @@ impl SimDesc {
 pub const MAX_SUBSTEPS: u32 = 100_000;
 /// Most threads of one simulation.
 pub const MAX_THREADS: usize = 256;
+/// Largest gravity along an axis in m/s²: a hundred times that of the Earth.
+pub const MAX_GRAVITY_M_S2: f64 = 1e3;
 /// Most tools of one simulation.
 pub const MAX_TOOLS: usize = 64;
 
@@ -205,7 +207,7 @@ impl Sim {
 
     /// Changes gravity, world frame, m/s².
     pub fn set_gravity(&mut self, gravity_m_s2: Vec3) -> Result<()> {
-        check_finite("gravity", gravity_m_s2)?;
+        check_gravity(gravity_m_s2)?;
         self.with(|state| state.set_gravity(gravity_m_s2));
         Ok(())
     }
@@ -284,6 +286,13 @@ impl Drop for Sim {
         let state = self.state.lock().take();
         drop(state);
     }
+}
+
+fn check_gravity(gravity_m_s2: Vec3) -> Result<()> {
+    let good = gravity_m_s2.iter().all(|x| x.abs() <= MAX_GRAVITY_M_S2);
+    good.then_some(()).ok_or_else(|| {
+        Error::argument(format!("gravity must be finite and at most {MAX_GRAVITY_M_S2} m/s² along each axis"))
+    })
 }
 
 fn check_finite(what: &str, v: Vec3) -> Result<()> {

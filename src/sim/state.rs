@@ -137,11 +137,11 @@ impl State {
         self.take_motions();
         self.advance(substeps, dt, None)?;
 
-        self.statistics.steps += 1;
         self.statistics.time_s += dt * f64::from(self.report.substeps);
         if self.report.has_diverged {
             return Err(self.note_divergence());
         }
+        self.statistics.steps += 1;
         self.publish_forces(dt * f64::from(substeps));
         let wall = started.elapsed().as_secs_f64();
         self.statistics.step_wall_s = wall;
@@ -164,6 +164,7 @@ impl State {
             // What a node gains in one more substep is by all that acts on it, loads and contact too.
             self.solver.velocities(&mut before);
             self.settle_for(1, dt, false)?;
+            self.publish_forces(dt);
             taken += u64::from(block) + 1;
             left = self.solver.largest_change(&before) / dt;
         }

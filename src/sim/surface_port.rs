@@ -50,6 +50,8 @@ pub struct SurfaceFrame<'a> {
     pub topology_version: u64,
     /// Simulated time of the frame in seconds.
     pub time_s: f64,
+    /// Whether the simulation still existed when this frame was asked for.
+    pub is_running: bool,
 }
 
 impl SurfacePort {
@@ -75,7 +77,9 @@ impl SurfacePort {
     /// Takes the newest state of the surface. Waits for a step in progress; a step waits for it no longer than the arrays take to
     /// fill. After the simulation is gone the last frame stays.
     pub fn map(&mut self) -> Result<SurfaceFrame<'_>> {
+        let mut is_running = false;
         if let Some(state) = self.state.lock().as_mut() {
+            is_running = true;
             std::mem::swap(&mut self.positions, &mut self.previous);
             let mut arrays = SurfaceArrays {
                 positions: numbers_mut(&mut self.positions),
@@ -87,7 +91,7 @@ impl SurfacePort {
                 self.previous.copy_from_slice(&self.positions);
             }
         }
-        self.last()
+        Ok(SurfaceFrame { is_running, ..self.last()? })
     }
 
     /// The frame that was taken last.
@@ -108,17 +112,13 @@ impl SurfacePort {
             triangles: &surface.triangles,
             topology_version: 0,
             time_s: self.time_s,
+            is_running: false,
         })
     }
 
     /// Chooses the scalar of later frames.
     pub fn set_field(&mut self, field: SurfaceField) {
         self.field = field;
-    }
-
-    /// Whether the simulation still exists.
-    pub fn is_running(&self) -> bool {
-        self.state.lock().is_some()
     }
 }
 

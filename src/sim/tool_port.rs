@@ -69,9 +69,10 @@ impl ToolPort {
         Ok(())
     }
 
-    /// The newest force. Wait-free.
+    /// The newest force, or none at all once the simulation or its tool is gone. Wait-free.
     pub fn force(&mut self) -> ToolForce {
-        *self.force.read().0
+        let newest = *self.force.read().0;
+        if self.is_running() { newest } else { ToolForce { wrench: Wrench::default(), ..newest } }
     }
 
     /// Whether the simulation still exists and still has this tool. Wait-free.

@@ -1,8 +1,7 @@
 //! Tools: rigid shapes that press tissue, where they are, and what they feel.
 
 use crate::error::{Error, Result};
-pub use crate::math::FAR_M;
-use crate::math::{Pose, Vec3};
+use crate::math::{FAR_M, Pose, Vec3};
 
 /// A convex primitive, centred at the origin of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -101,7 +101,7 @@ static void grids(void) {
 
     desc = good_model();
     grid.voxels[1] = 0;
-    MODEL_ANSWERS(PLP_ERR_LIMIT);
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     /* More voxels than any memory: refused before a byte is read. */
     grid.voxels[0] = grid.voxels[1] = grid.voxels[2] = UINT32_MAX;
     MODEL_ANSWERS(PLP_ERR_LIMIT);

@@ -25,7 +25,7 @@ const WANTED: [[u8; 4]; ROWS] = {
         while f < 4 {
             let (by, bz) = (y + FORWARD[f].0, z + FORWARD[f].1);
             if by >= 0 && by < side && bz < side {
-                wanted[a][f] = owned(y, z) as u8 * ON_A | owned(by, bz) as u8 * ON_B;
+                wanted[a][f] = (owned(y, z) as u8 * ON_A) | (owned(by, bz) as u8 * ON_B);
             }
             f += 1;
         }

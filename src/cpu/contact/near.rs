@@ -11,12 +11,14 @@ use crate::model::surface::{ROW, Surface};
 use crate::solver::ToolStep;
 
 /// Room to spare around a tool's way, in cells.
-const ROOM: f64 = 0.5;
+const ROOM: f64 = 1.0;
 /// In [`Near::place_of`]: not looked at, and looked at but part of no listed triangle.
 const UNSEEN: u32 = u32::MAX;
 const FAR: u32 = u32::MAX - 1;
 /// Boxes for which memory is taken at creation.
 const USUAL_TOOLS: usize = 64;
+/// On which sides of the boxes a point lies: a byte for each box, in turn; where boxes share one, the sides on which it lies of all of them.
+type Sides = [u8; 8];
 
 /// The listed triangles. Everything is allocated once.
 #[derive(Debug)]
@@ -30,9 +32,9 @@ pub struct Near {
     vertices: Vec<u32>,
     /// The place of each vertex in `vertices`, or [`FAR`], or [`UNSEEN`].
     place_of: Vec<u32>,
-    /// Vertices that the making of the list has looked at, and where each vertex was then.
+    /// Vertices that the making of the list has looked at, and what it saw, for each vertex.
     seen: Vec<u32>,
-    seen_at: Vec<Vec3>,
+    sides_of: Vec<Sides>,
     /// Around each tool.
     boxes: Vec<Bounds>,
     /// How far nodes may have moved since the list was made, in m.
@@ -111,7 +113,7 @@ impl Near {
             vertices: Vec::with_capacity(vertices),
             place_of: vec![UNSEEN; vertices],
             seen: Vec::with_capacity(vertices),
-            seen_at: vec![Vec3::zeros(); vertices],
+            sides_of: vec![Sides::default(); vertices],
             boxes: Vec::with_capacity(USUAL_TOOLS),
             travelled: f64::INFINITY,
             room: ROOM * h,
@@ -166,10 +168,16 @@ impl Near {
         self.travelled = 0.0;
         self.boxes.extend(tools.iter().map(|tool| way(tool, self.room)));
 
-        let Self { groups, grouped, triangles, vertices, place_of, seen, seen_at, boxes, lever, .. } = self;
+        let Self { groups, grouped, triangles, vertices, place_of, seen, sides_of, boxes, lever, .. } = self;
         for vertex in seen.drain(..) {
             place_of[vertex as usize] = UNSEEN;
         }
+        let sides = |p: Vec3| {
+            boxes.iter().enumerate().fold([!0; size_of::<Sides>()], |mut sides: Sides, (tool, bounds)| {
+                sides[tool % size_of::<Sides>()] &= bounds.sides(p);
+                sides
+            })
+        };
         let is_near = |bounds: &Bounds, slack: f64| boxes.iter().any(|tool| tool.meets(bounds, slack));
         for group in groups.iter() {
             if !is_near(&group.bounds, moved(group.brick) * *lever) {
@@ -181,13 +189,13 @@ impl Near {
                     if place_of[vertex] == UNSEEN {
                         place_of[vertex] = FAR;
                         seen.push(vertex as u32);
-                        seen_at[vertex] = position(surface, vertex as u32, u);
+                        sides_of[vertex] = sides(position(surface, vertex as u32, u));
                     }
                 }
-                let reaches = |tool: &Bounds| {
-                    corners.iter().fold(!0, |all, &vertex| all & tool.sides(seen_at[vertex as usize])) == 0
-                };
-                if boxes.iter().any(reaches) {
+                let shared = corners
+                    .iter()
+                    .fold(!0, |all, &vertex| all & u64::from_ne_bytes(sides_of[vertex as usize]));
+                if has_zero_byte(shared) {
                     let places = corners.map(|vertex| {
                         let place = &mut place_of[vertex as usize];
                         if *place == FAR {
@@ -203,10 +211,47 @@ impl Near {
     }
 }
 
-/// Where a vertex is, model frame.
+/// Whether one of the eight bytes is zero.
+fn has_zero_byte(bytes: u64) -> bool {
+    const ONES: u64 = u64::from_ne_bytes([1; 8]);
+    bytes.wrapping_sub(ONES) & !bytes & ONES << 7 != 0
+}
+
+/// Where a vertex is, model frame. Displacements are added up as they are stored, and widened once.
 #[inline]
 pub fn position<R: Real>(surface: &Surface, vertex: u32, u: &Field<R>) -> Vec3 {
     let row = &surface.rows[vertex as usize];
-    let moved = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
-    surface.positions[vertex as usize] + moved.sum::<Vec3>()
+    let mut moved = [R::default(); 3];
+    for (&node, &weight) in row.nodes.iter().zip(&row.weights) {
+        let (at, weight) = (u.get(node), R::splat(f64::from(weight)));
+        moved = [0, 1, 2].map(|axis| moved[axis].add(at[axis].mul(weight)));
+    }
+    surface.positions[vertex as usize] + Vec3::from(moved.map(R::to_f64))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_zero_byte_is_found_wherever_it_is() {
+        assert!(!has_zero_byte(u64::MAX) && !has_zero_byte(u64::from_ne_bytes([1; 8])));
+        for at in 0..8 {
+            for other in [1, 0x3f, 0x80, 0xff] {
+                let mut bytes = [other; 8];
+                bytes[at] = 0;
+                assert!(has_zero_byte(u64::from_ne_bytes(bytes)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_segment_that_crosses_a_box_shares_no_side_of_it() {
+        let bounds = Bounds::around(Vec3::zeros(), Vec3::x(), 0.5);
+        let sides = |p: [f64; 3], q: [f64; 3]| bounds.sides(p.into()) & bounds.sides(q.into());
+        assert_eq!(sides([-2.0, 0.0, 0.0], [3.0, 0.1, 0.0]), 0);
+        assert_eq!(sides([0.5, -1.0, 0.2], [0.5, 1.0, 0.3]), 0);
+        assert_ne!(sides([-2.0, 0.0, 0.0], [-1.0, 9.0, 9.0]), 0);
+        assert_ne!(sides([0.0, 0.0, 0.6], [1.0, 0.0, 9.0]), 0);
+    }
 }

@@ -106,7 +106,7 @@ impl<R: CpuReal> CpuSolver<R> {
         let damping = model.laws().iter().map(|law| law.damping_s).fold(0.0, f64::max);
         core.stable_dt = stability::stable_dt(omega, damping);
         let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
-        core.sleep = Sleep::new(&core.bricks, Thresholds::new(omega, epsilon));
+        core.sleep = Sleep::new(&core.bricks, Thresholds::new(lattice.cell_m(), omega, epsilon));
         let workers = Workers::new(threads)?;
         let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
         Ok(Self { core, scratches, workers })

@@ -231,7 +231,59 @@ pub fn position<R: Real>(surface: &Surface, vertex: u32, u: &Field<R>) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
     use super::*;
+    use crate::math::Pose;
+    use crate::model::grid::LabelGrid;
+    use crate::model::material::Material;
+    use crate::model::{Build, LabelUse};
+    use crate::solver::tool::{ToolDesc, ToolPath};
+
+    #[test]
+    fn a_list_holds_every_triangle_in_reach_for_as_long_as_it_is_kept() {
+        let (h, cells) = (1e-3, [24, 6, 4]);
+        let mut build = Build::new(
+            LabelGrid::new(cells, Vec3::repeat(h), Pose::identity(), vec![1; cells.iter().product()])
+                .unwrap(),
+        );
+        build.uses = BTreeMap::from([(1, LabelUse::Tissue(Material::new("t", 3e3, 0.25, 1e3).unwrap()))]);
+        let model = build.run(&mut |_, _| true).unwrap();
+        let surface = &model.surfaces()[model.contact_surface()];
+        let mut u = Field::<f32>::zeros(model.lattice().bricks().len());
+        let mut near = Near::new(surface, h);
+
+        // The block slides under the tool by a tenth of a cell at a time, the tool against it by half as much.
+        let (mut fewest, mut kept) = (usize::MAX, 0);
+        for step in 0..60 {
+            let slid = 1e-4 * f64::from(step);
+            for slot in model.lattice().slots() {
+                u.set(slot, Vec3::new(slid, 0.0, 0.0));
+            }
+            let at = |step: i32| Pose::translation(0.012 - 5e-5 * f64::from(step), 0.003, 0.005);
+            let tool = ToolStep {
+                desc: Arc::new(ToolDesc::sphere(2e-3)),
+                path: ToolPath { from: at(step), to: at(step + 1) },
+            };
+            let before = near.triangles().to_vec();
+            near.travel(1e-4);
+            near.keep_up(surface, std::slice::from_ref(&tool), &u, |_| slid);
+            kept += usize::from(near.triangles() == before);
+
+            let centre = tool.path.to.translation.vector;
+            let bounds = Bounds::around(centre, centre, 2e-3);
+            let listed: Vec<u32> = near.triangles().iter().map(|(triangle, _)| *triangle).collect();
+            for (triangle, corners) in (0..).zip(&surface.triangles) {
+                let sides = corners.map(|vertex| bounds.sides(position(surface, vertex, &u)));
+                if sides[0] & sides[1] & sides[2] == 0 {
+                    assert!(listed.contains(&triangle), "step {step}, triangle {triangle}");
+                }
+            }
+            fewest = fewest.min(listed.len());
+        }
+        assert!(fewest < surface.triangles.len() / 2 && kept > 30, "{fewest} listed, {kept} times kept");
+    }
 
     #[test]
     fn a_zero_byte_is_found_wherever_it_is() {

@@ -36,8 +36,9 @@ impl<R: Real> Field<R> {
     /// The vector of a slot.
     #[inline]
     pub fn get(&self, slot: u32) -> [R; 3] {
-        let (numbers, at) = (self.numbers(), Self::index(slot));
-        [numbers[at], numbers[at + BRICK_SLOTS], numbers[at + 2 * BRICK_SLOTS]]
+        let at = Self::index(slot);
+        let numbers = &self.numbers()[at..=at + 2 * BRICK_SLOTS];
+        [numbers[0], numbers[BRICK_SLOTS], numbers[2 * BRICK_SLOTS]]
     }
 
     /// The vector of a slot, in double precision.

@@ -16,6 +16,15 @@ const WATCH_EVERY: u64 = 4;
 /// A sleeper wakes at this multiple of the acceleration below which it may sleep.
 const WAKE_FACTOR: f32 = 2.0;
 
+/// What sleep may hide of a displacement, in cells.
+const HIDDEN: f64 = 1e-2;
+/// By how much tissue is out of balance that an acceleration a moves by a / this: 2 E / (ρ L²) for E = 5 kPa, ρ = 1000 kg/m³ and
+/// L = 0.1 m from what holds it.
+const BALANCE_PER_S2: f64 = 1e3;
+/// A speed by the acceleration that goes with it. The slowest wave of such tissue has 20 rad/s, so that what is stopped in its way
+/// lacks a tenth of [`HIDDEN`].
+const STANDSTILL_S: f64 = 2e-3;
+
 /// When a brick counts as quiet.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
@@ -26,12 +35,12 @@ pub struct Thresholds {
 }
 
 impl Thresholds {
-    /// 10 µm/s and 0.02 m/s², or what rounding makes of a displacement of 1 mm where the model is so stiff that this is more:
+    /// For cells of edge length `h` in m; or what rounding makes of a displacement of 1 mm where the model is so stiff that this is more:
     /// `omega` is its highest angular frequency in rad/s, `epsilon` the scalar's rounding.
-    pub fn new(omega: f64, epsilon: f64) -> Self {
+    pub fn new(h: f64, omega: f64, epsilon: f64) -> Self {
         let noise = epsilon * 1e-3 * omega * omega;
-        let acceleration = noise.max(0.02);
-        Self { speed: (1e-5 * acceleration / 0.02) as f32, acceleration: acceleration as f32 }
+        let acceleration = noise.max(HIDDEN * h * BALANCE_PER_S2);
+        Self { speed: (acceleration * STANDSTILL_S) as f32, acceleration: acceleration as f32 }
     }
 }
 

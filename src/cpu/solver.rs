@@ -106,7 +106,7 @@ impl<R: CpuReal> CpuSolver<R> {
         let damping = model.laws().iter().map(|law| law.damping_s).fold(0.0, f64::max);
         core.stable_dt = stability::stable_dt(omega, damping);
         let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
-        core.sleep = Sleep::new(&core.bricks, Thresholds::new(omega, epsilon));
+        core.sleep = Sleep::new(&core.bricks, Thresholds::new(lattice.cell_m(), omega, epsilon));
         let workers = Workers::new(threads)?;
         let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
         Ok(Self { core, scratches, workers })
@@ -204,6 +204,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         if let Some(v_next) = &mut nodes.v_next {
             v_next.set(slot, velocity);
         }
+        self.core.contact.lose_track();
         self.core.sleep.wake_all(&self.core.bricks);
     }
 
@@ -219,6 +220,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         let core = &mut self.core;
         core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);
         core.contact.clear();
+        core.contact.lose_track();
         core.vis_viva = 0.0;
         core.is_cleared = true;
         core.sleep.wake_all(&core.bricks);
@@ -243,22 +245,6 @@ impl<R: CpuReal> Core<R> {
         }
         self.last_dt = plan.dt;
         self.contact.clear();
-        if !plan.tools.is_empty() {
-            let duration = plan.dt * f64::from(plan.substeps);
-            let fastest = self.marks.iter().map(|m| m.speed2).fold(0.0, f32::max);
-            // Tissue that a tool pushes moves no faster than the tool.
-            let tools =
-                plan.tools.iter().map(|t| t.path.reach(t.desc.bounding_radius_m())).fold(0.0, f64::max);
-            let margin =
-                f64::from(fastest).sqrt() * duration + tools + 0.5 * self.bricks.model.lattice().cell_m();
-            let (marks, bricks) = (&self.marks, &self.bricks);
-            let moved = |brick: u32| {
-                let near = bricks.around(brick as usize);
-                f64::from(near.map(|near| marks[near].displacement2).fold(0.0, f32::max)).sqrt()
-            };
-            let most = f64::from(marks.iter().map(|m| m.displacement2).fold(0.0, f32::max)).sqrt();
-            self.contact.gather(plan.tools, moved, most, margin);
-        }
         self.aim();
     }
 
@@ -338,13 +324,19 @@ impl<R: CpuReal> Core<R> {
         let duration = plan.dt * f64::from(plan.substeps);
         let span = [0, 1].map(|end| f64::from(substep + end) / f64::from(plan.substeps));
         let keep = self.keep(plan);
+        let mut furthest = fastest * plan.dt;
         for loads in plan.loads {
-            self.push(loads, plan.dt, keep);
+            furthest = furthest.max(self.push(loads, plan.dt, keep));
         }
         for region in plan.regions {
-            self.drive(region, span[1], plan.dt);
+            furthest = furthest.max(self.drive(region, span[1], plan.dt));
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
+        let (marks, bricks) = (&self.marks, &self.bricks);
+        let moved = |brick: u32| {
+            let near = bricks.around(brick as usize);
+            f64::from(near.map(|near| marks[near].displacement2).fold(0.0, f32::max)).sqrt()
+        };
         let mut nodes = ContactNodes {
             u_before: u,
             u: u_next,
@@ -354,8 +346,9 @@ impl<R: CpuReal> Core<R> {
             dt: plan.dt,
             step: duration,
             fastest,
+            furthest,
         };
-        self.contact.resolve(plan.tools, span, &mut nodes, sums);
+        self.contact.resolve(plan.tools, span, &mut nodes, moved, sums);
 
         report.contact_points = self.contact.point_count() as u32;
         report.substeps = substep + 1;
@@ -389,8 +382,8 @@ impl<R: CpuReal> Core<R> {
         u_next.set(slot, u_next.vec3(slot) + dv * dt);
     }
 
-    /// Applies a load for one substep.
-    fn push(&mut self, loads: &NodalLoads, dt: f64, keep: f64) {
+    /// Applies a load for one substep. Returns how far a loaded node has moved in it at most, in m.
+    fn push(&mut self, loads: &NodalLoads, dt: f64, keep: f64) -> f64 {
         let per_mass = |core: &Self, slot: u32| {
             dt * keep / core.bricks.model.lattice().node_mass(slot, |m| core.corner_kg[usize::from(m)])
         };
@@ -407,22 +400,29 @@ impl<R: CpuReal> Core<R> {
                 self.kick(slot, -area * (pressure / 4.0) * per_mass(self, slot), dt);
             }
         }
+        let Nodes { u, u_next, .. } = &self.nodes;
+        let way = |slot: u32| (u_next.vec3(slot) - u.vec3(slot)).norm();
+        loads.slots().map(way).fold(0.0, f64::max)
     }
 
-    /// Moves a rigid region to where it is after the fraction `t` of the step.
-    fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) {
+    /// Moves a rigid region to where it is after the fraction `t` of the step. Returns how far a node of it has moved at most, in m.
+    fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) -> f64 {
         // The end itself, not an interpolation's rounding of it.
         let between = (t < 1.0).then(|| region.from.try_lerp_slerp(&region.to, t, 1e-9)).flatten();
         let pose = between.unwrap_or(region.to);
         let model = self.bricks.model.clone();
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let v = v_next.as_mut().unwrap_or(v);
+        let mut furthest = 0.0_f64;
         for &slot in &model.regions()[&region.label] {
             let rest = model.lattice().rest_position(slot);
             let moved = pose.transform_point(&rest.into()).coords - rest;
-            v.set(slot, (moved - u.vec3(slot)) / dt);
+            let way = moved - u.vec3(slot);
+            furthest = furthest.max(way.norm());
+            v.set(slot, way / dt);
             u_next.set(slot, moved);
         }
+        furthest
     }
 
     /// Speed of the fastest node in this substep, in m/s; not finite where any is not.
@@ -437,13 +437,10 @@ impl<R: CpuReal> Core<R> {
 
     fn put_to_sleep(&mut self, plan: &StepPlan) {
         let Self { bricks, marks, sleep, contact, nodes, .. } = self;
-        let brick_of = |slot: &u32| slot / BRICK_SLOTS as u32;
-        let loaded = plan.loads.iter().flat_map(|loads| {
-            let forced = loads.forces.iter().map(|(slot, _)| slot);
-            forced.chain(loads.pressed.iter().flat_map(|(corners, _)| corners))
-        });
+        let brick_of = |slot: u32| slot / BRICK_SLOTS as u32;
+        let loaded = plan.loads.iter().flat_map(NodalLoads::slots);
         let model = bricks.model.clone();
-        let driven = plan.regions.iter().flat_map(|region| &model.regions()[&region.label]);
+        let driven = plan.regions.iter().flat_map(|region| model.regions()[&region.label].iter().copied());
         let touched = contact.touched_bricks().iter().copied().chain(loaded.chain(driven).map(brick_of));
         sleep.update(bricks, marks, touched, |brick| {
             // The other copy must say the same, for nobody writes it now.

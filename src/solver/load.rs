@@ -51,6 +51,14 @@ pub struct NodalLoads {
     pub pressed: Vec<([u32; 4], f64)>,
 }
 
+impl NodalLoads {
+    /// Slots of the nodes that are loaded; some more than once.
+    pub fn slots(&self) -> impl Iterator<Item = u32> {
+        let pressed = self.pressed.iter().flat_map(|(corners, _)| corners);
+        self.forces.iter().map(|(slot, _)| slot).chain(pressed).copied()
+    }
+}
+
 impl Load {
     /// Finds the nodes that a load acts on.
     pub fn resolve(&self, model: &Model) -> Result<NodalLoads> {

@@ -256,28 +256,45 @@ pub fn has_avx2() -> bool {
     std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
 }
 
+/// Whether, besides those of [`has_avx2`], there are twice as many registers. The operations are the same ones and so are the results.
+#[cfg(target_arch = "x86_64")]
+fn has_avx512vl() -> bool {
+    std::arch::is_x86_feature_detected!("avx512f") && std::arch::is_x86_feature_detected!("avx512vl")
+}
+
+/// The kernel of a material table, compiled for some features of the processor.
+#[cfg(target_arch = "x86_64")]
+macro_rules! compiled_for {
+    ($features:literal, $real:ty, $lanes:ty, $laws:expr) => {{
+        #[target_feature(enable = $features)]
+        unsafe fn with<const VOLUME: bool, const DAMPED: bool>(
+            pass: &Pass<$real>,
+            run: Run,
+            next: Option<Run>,
+            scratch: &mut Scratch<$real>,
+        ) {
+            // SAFETY: the caller promises the same.
+            unsafe { advance::<$lanes, VOLUME, DAMPED>(pass, run, next, scratch) }
+        }
+        match ($laws.volumetric, $laws.damped) {
+            (false, false) => with::<false, false>,
+            (true, false) => with::<true, false>,
+            (false, true) => with::<false, true>,
+            (true, true) => with::<true, true>,
+        }
+    }};
+}
+
 macro_rules! kernels {
     ($real:ty, $avx2:ident) => {
         impl CpuReal for $real {
             fn kernel(laws: &LawTables<Self>) -> Kernel<Self> {
                 #[cfg(target_arch = "x86_64")]
                 if has_avx2() {
-                    #[target_feature(enable = "avx2,fma")]
-                    unsafe fn avx2<const VOLUME: bool, const DAMPED: bool>(
-                        pass: &Pass<$real>,
-                        run: Run,
-                        next: Option<Run>,
-                        scratch: &mut Scratch<$real>,
-                    ) {
-                        // SAFETY: the caller promises the same.
-                        unsafe { advance::<super::lanes::$avx2, VOLUME, DAMPED>(pass, run, next, scratch) }
+                    if has_avx512vl() {
+                        return compiled_for!("avx2,fma,avx512f,avx512vl", $real, super::lanes::$avx2, laws);
                     }
-                    return match (laws.volumetric, laws.damped) {
-                        (false, false) => avx2::<false, false>,
-                        (true, false) => avx2::<true, false>,
-                        (false, true) => avx2::<false, true>,
-                        (true, true) => avx2::<true, true>,
-                    };
+                    return compiled_for!("avx2,fma", $real, super::lanes::$avx2, laws);
                 }
                 // Without AVX2 speed is lost anyway: one kernel, with the terms of all.
                 if laws.damped {

@@ -14,21 +14,24 @@
 //! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses: a stiff wall
 //! without friction.
 
+mod near;
+mod node_index;
+
 use std::sync::Arc;
 
+use self::near::{Bounds, Near, position};
+use self::node_index::{MAX_NODES, NodeIndex};
 use super::lanes::Real;
 use super::nodes::Field;
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::surface::{ROW, Surface};
+use crate::model::surface::ROW;
 use crate::solver::tool::{Contact, ToolDesc};
 use crate::solver::{ToolStep, ToolSum};
 
 /// Most points in contact at once; the first that are found are kept, and what is dropped is counted.
 const MAX_POINTS: usize = 4096;
-/// Most nodes that carry them.
-const MAX_NODES: usize = 8192;
 /// Most sweeps of the Gauss–Seidel iteration.
 const SWEEPS: usize = 8;
 /// A sweep is the last when it changes no impulse by more than this share of the largest.
@@ -39,8 +42,6 @@ const MAX_DIVISION: u32 = 32;
 const MAX_MOVES: f64 = 64.0;
 /// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
-/// "Not near a tool" in [`ContactSurface::place_of`].
-const FAR: u32 = u32::MAX;
 /// Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 const MOVABLE: f64 = 1e-3;
 
@@ -63,29 +64,23 @@ pub struct ContactNodes<'a, R> {
     pub step: f64,
     /// The fastest node in this substep, in m/s.
     pub fastest: f64,
+    /// How far a node has moved in this substep at most, in m.
+    pub furthest: f64,
 }
 
 /// Contact with one model's contact surface. Everything is allocated once.
 #[derive(Debug)]
 pub struct ContactSurface {
     model: Arc<Model>,
-    groups: Vec<Group>,
-    /// Triangles in the order of their groups.
-    grouped: Vec<u32>,
+    near: Near,
     /// Longest rest edge of each triangle.
     longest_edge: Vec<f64>,
-    /// Triangles that a tool may meet in this step, with their corners' places in `near_vertices`.
-    near: Vec<(u32, [u32; 3])>,
-    /// Vertices of those triangles, each once: six triangles share a vertex, and moving one reads eight nodes.
-    near_vertices: Vec<u32>,
-    /// Where they are, filled for each look at the contact.
+    /// Where the listed vertices are, filled for each look at the contact: before the substep, and now.
     moved_vertices: Vec<(Vec3, Vec3)>,
-    /// Where they come from, as a tool sees it.
-    starts: Vec<Vec3>,
-    /// Which of them a tool has been asked about.
+    /// On which sides of a tool each of them is.
+    sides: Vec<u8>,
+    /// Which of them the tool has been asked about.
     probed: Vec<bool>,
-    /// The place of each vertex in `near_vertices`, or [`FAR`].
-    place_of: Vec<u32>,
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
     nodes: Vec<TouchedNode>,
@@ -93,16 +88,6 @@ pub struct ContactSurface {
     /// Bricks of nodes that were pushed in the last substep, each once.
     touched_bricks: Vec<u32>,
     dropped: u64,
-}
-
-/// Triangles that hang on one brick.
-#[derive(Clone, Copy, Debug)]
-struct Group {
-    brick: u32,
-    start: u32,
-    end: u32,
-    low: Vec3,
-    high: Vec3,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -146,34 +131,24 @@ struct View<'a> {
     tool: &'a ToolStep,
     pose: Pose,
     to_tool: Pose,
+    /// From where the tool was when the move began to where it is.
+    carry_over: Pose,
     /// Distance between contact points at most.
     spacing: f64,
     radius: f64,
+}
+
+impl View<'_> {
+    /// Where a point was when the move began, seen from the tool.
+    fn start(&self, before: Vec3) -> Vec3 {
+        self.carry_over.transform_point(&before.into()).coords
+    }
 }
 
 impl ContactSurface {
     /// Prepares the contact surface of a model.
     pub fn new(model: Arc<Model>) -> Self {
         let surface = &model.surfaces()[model.contact_surface()];
-        let brick_of = |t: &[u32; 3]| surface.rows[t[0] as usize].nodes[0] / BRICK_SLOTS as u32;
-        let mut grouped: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-        grouped.sort_by_key(|&t| (brick_of(&surface.triangles[t as usize]), t));
-
-        let mut groups: Vec<Group> = Vec::new();
-        for (at, &t) in grouped.iter().enumerate() {
-            let corners = surface.triangles[t as usize];
-            let brick = brick_of(&corners);
-            if groups.last().is_none_or(|group| group.brick != brick) {
-                let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-                groups.push(Group { brick, start: at as u32, end: at as u32, low, high });
-            }
-            let group = groups.last_mut().expect("a group was just pushed if there was none");
-            group.end = at as u32 + 1;
-            for p in corners.map(|v| surface.positions[v as usize]) {
-                group.low = group.low.inf(&p);
-                group.high = group.high.sup(&p);
-            }
-        }
         let longest_edge = surface
             .triangles
             .iter()
@@ -184,14 +159,10 @@ impl ContactSurface {
             .collect();
         let vertices = surface.positions.len();
         Self {
-            groups,
-            near: Vec::with_capacity(grouped.len()),
-            near_vertices: Vec::with_capacity(vertices),
+            near: Near::new(surface, model.lattice().cell_m()),
             moved_vertices: Vec::with_capacity(vertices),
-            starts: Vec::with_capacity(vertices),
+            sides: Vec::with_capacity(vertices),
             probed: Vec::with_capacity(vertices),
-            place_of: vec![FAR; vertices],
-            grouped,
             longest_edge,
             points: Vec::with_capacity(MAX_POINTS),
             carried: Vec::with_capacity(MAX_POINTS * 3 * ROW),
@@ -220,79 +191,62 @@ impl ContactSurface {
 
     /// Forgets all contacts.
     pub fn clear(&mut self) {
-        self.near.clear();
-        for vertex in self.near_vertices.drain(..) {
-            self.place_of[vertex as usize] = FAR;
-        }
         self.points.clear();
         self.touched_bricks.clear();
     }
 
-    /// Lists the triangles that tools may meet during a step. `moved` bounds how far nodes of a brick and its neighbours are from
-    /// rest, `most` how far any node is, `margin` how far they move during the step.
-    pub fn gather(&mut self, tools: &[ToolStep], moved: impl Fn(u32) -> f64, most: f64, margin: f64) {
-        self.clear();
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
-        for group in &self.groups {
-            let is_within = |slack: f64| is_near(tools, group.low, group.high, slack);
-            // Most groups are far from any tool, whatever their own bricks did.
-            if !is_within(most + margin) {
-                continue;
-            }
-            let slack = moved(group.brick) + margin;
-            if !is_within(slack) {
-                continue;
-            }
-            for &triangle in &self.grouped[group.start as usize..group.end as usize] {
-                let [a, b, c] = surface.triangles[triangle as usize].map(|v| &surface.positions[v as usize]);
-                if !is_near(tools, a.inf(b).inf(c), a.sup(b).sup(c), slack) {
-                    continue;
-                }
-                let places = surface.triangles[triangle as usize].map(|vertex| {
-                    let place = &mut self.place_of[vertex as usize];
-                    if *place == FAR {
-                        *place = self.near_vertices.len() as u32;
-                        self.near_vertices.push(vertex);
-                    }
-                    *place
-                });
-                self.near.push((triangle, places));
-            }
-        }
+    /// Nodes have been moved otherwise than by substeps.
+    pub fn lose_track(&mut self) {
+        self.near.forget();
     }
 
     /// Pushes the tissue out of the tools at the end of a substep that spans the fractions `from` to `to` of the step, and adds to
-    /// each tool's sum.
+    /// each tool's sum. `moved` bounds how far nodes of a brick and its neighbours were from rest at its start, in m.
     pub fn resolve<R: Real>(
         &mut self,
         tools: &[ToolStep],
         span: [f64; 2],
         nodes: &mut ContactNodes<R>,
+        moved: impl Fn(u32) -> f64,
         sums: &mut [ToolSum],
     ) {
         self.points.clear();
         self.touched_bricks.clear();
-        if self.near.is_empty() {
+        if tools.is_empty() {
+            self.near.forget();
             return;
         }
+        self.near.travel(nodes.furthest);
+        let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
         let moves = tools
             .iter()
-            .map(|tool| {
-                let way = tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
-                (way / (0.5 * tool.desc.feature_m())).ceil()
-            })
+            .map(|tool| (way(tool) / (0.5 * tool.desc.feature_m())).ceil())
             .fold(1.0, f64::max)
-            .min(MAX_MOVES) as u32;
-        for step in 1..=moves {
-            let t = span[0] + (span[1] - span[0]) * f64::from(step) / f64::from(moves);
+            .min(MAX_MOVES);
+        // Where a point came from matters only if it may have come far.
+        let is_fast = |tool: &ToolStep| {
+            let feature = tool.desc.feature_m();
+            nodes.fastest * nodes.dt > 0.25 * feature || way(tool) > 0.5 * feature * moves
+        };
+        let follow = tools.iter().any(is_fast);
+        let mut pushed = 0.0;
+        for step in 1..=moves as u32 {
+            let t = span[0] + (span[1] - span[0]) * f64::from(step) / moves;
+            let before = span[0] + (span[1] - span[0]) * f64::from(step - 1) / moves;
+            let surface = &self.model.surfaces()[self.model.contact_surface()];
+            self.near.keep_up(surface, tools, nodes.u, |brick| moved(brick) + nodes.furthest + pushed);
+            if self.near.triangles().is_empty() {
+                continue;
+            }
             // The tissue's own motion belongs to the first move.
-            let before = span[0] + (span[1] - span[0]) * f64::from(step - 1) / f64::from(moves);
-            self.find_points(tools, [before, t], step == 1, nodes);
+            self.find_points(tools, [before, t], follow, step == 1, nodes);
             if self.points.is_empty() {
                 continue;
             }
-            self.project(tools, nodes.dt, step == moves);
-            self.apply(tools, t, nodes, sums);
+            self.project(tools, nodes.dt, step == moves as u32);
+            let push = self.apply(tools, t, nodes, sums);
+            self.near.travel(push);
+            pushed += push;
         }
     }
 
@@ -309,11 +263,13 @@ impl ContactSurface {
     }
 
     /// Finds the contact points inside tools, and the nodes that carry them.
-    /// `span` is the move that the tools make; the tissue moves with it, from where it was before the substep, if `tissue_moves`.
+    /// `span` is the move that the tools make; the tissue moves with it, from where it was before the substep, if `tissue_moves`. Points are
+    /// followed along their ways, not looked at where they end alone, if `follow`.
     fn find_points<R: Real>(
         &mut self,
         tools: &[ToolStep],
         span: [f64; 2],
+        follow: bool,
         tissue_moves: bool,
         nodes: &ContactNodes<R>,
     ) {
@@ -324,15 +280,13 @@ impl ContactSurface {
         let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
         self.moved_vertices.clear();
-        // Where a vertex came from matters only if it may have come far.
-        let may_jump = tools.iter().any(|tool| nodes.fastest * nodes.dt > 0.25 * tool.desc.feature_m());
         let at = |vertex: &u32| {
             let after = position(surface, *vertex, nodes.u);
             let before =
-                if may_jump && tissue_moves { position(surface, *vertex, nodes.u_before) } else { after };
+                if follow && tissue_moves { position(surface, *vertex, nodes.u_before) } else { after };
             (before, after)
         };
-        self.moved_vertices.extend(self.near_vertices.iter().map(at));
+        self.moved_vertices.extend(self.near.vertices().iter().map(at));
 
         for (number, tool) in tools.iter().enumerate() {
             let pose = tool.path.at(span[1]);
@@ -342,61 +296,58 @@ impl ContactSurface {
                 to_tool: pose.inverse(),
                 spacing: 0.5 * tool.desc.feature_m(),
                 radius: tool.desc.bounding_radius_m(),
+                carry_over: pose * tool.path.at(span[0]).inverse(),
                 pose,
             };
-            // Where the tool's end finds what was at p when the move began.
-            let carry_over = pose * tool.path.at(span[0]).inverse();
             let centre = pose.translation.vector;
-            // Seen from the tool, the vertices come from here.
-            self.starts.clear();
-            let seen = |(before, _): &(Vec3, Vec3)| carry_over.transform_point(&(*before).into()).coords;
-            self.starts.extend(self.moved_vertices.iter().map(seen));
+            let bounds = Bounds::around(centre, centre, view.radius);
+            self.sides.clear();
+            self.sides.extend(self.moved_vertices.iter().map(|&(before, after)| {
+                let sides = bounds.sides(after);
+                if follow && sides != 0 { sides & bounds.sides(view.start(before)) } else { sides }
+            }));
             self.probed.clear();
-            self.probed.resize(self.near_vertices.len(), false);
-            for at in 0..self.near.len() {
-                let (triangle, places) = self.near[at];
-                let corners = places.map(|place| self.moved_vertices[place as usize].1);
-                let starts = places.map(|place| self.starts[place as usize]);
-                let outside = |axis: usize| {
-                    let (low, high) = (centre[axis] - view.radius, centre[axis] + view.radius);
-                    let mut ends = corners.iter().chain(&starts);
-                    ends.clone().all(|p| p[axis] < low) || ends.all(|p| p[axis] > high)
-                };
-                if (0..3).any(outside) {
+            self.probed.resize(self.sides.len(), false);
+            for at in 0..self.near.triangles().len() {
+                let (triangle, places) = self.near.triangles()[at];
+                if places.iter().fold(!0, |all, &place| all & self.sides[place as usize]) != 0 {
                     continue;
                 }
-                let edge = (0..3).map(|i| (corners[i] - corners[(i + 1) % 3]).norm()).fold(0.0, f64::max);
+                let corners = places.map(|place| self.moved_vertices[place as usize]);
+                let edge2 = |i: usize| (corners[i].1 - corners[(i + 1) % 3].1).norm_squared();
+                let edge = (0..3).map(edge2).fold(0.0, f64::max).sqrt();
                 let edge = edge.max(self.longest_edge[triangle as usize]);
-                let division = ((edge / view.spacing).ceil() as u32).clamp(1, MAX_DIVISION);
-                if division == 1 {
+                if edge <= view.spacing {
                     // Corners are close enough, each once.
-                    for c in 0..3 {
-                        if !std::mem::replace(&mut self.probed[places[c] as usize], true) {
+                    for (c, place) in places.into_iter().enumerate() {
+                        if !std::mem::replace(&mut self.probed[place as usize], true) {
                             let weights = std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
-                            self.probe(&view, triangle, weights, starts[c], corners[c], nodes);
+                            self.probe(&view, triangle, weights, corners[c], nodes);
                         }
                     }
                     continue;
                 }
+                let division = ((edge / view.spacing).ceil() as u32).min(MAX_DIVISION);
                 for_each_centre(division, |weights| {
-                    let between = |p: &[Vec3; 3]| p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
-                    self.probe(&view, triangle, weights, between(&starts), between(&corners), nodes);
+                    let between = |p: [Vec3; 3]| p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
+                    let way = (between(corners.map(|c| c.0)), between(corners.map(|c| c.1)));
+                    self.probe(&view, triangle, weights, way, nodes);
                 });
             }
         }
     }
 
-    /// Makes a contact point of a point of the surface that moves from `start` to `p`, if it meets the tool.
+    /// Makes a contact point of a point of the surface that moves from `before` to `p`, if it meets the tool.
     fn probe<R: Real>(
         &mut self,
         view: &View,
         triangle: u32,
         weights: [f64; 3],
-        start: Vec3,
-        p: Vec3,
+        (before, p): (Vec3, Vec3),
         nodes: &ContactNodes<R>,
     ) {
         let local = |p: Vec3| view.to_tool.transform_point(&p.into()).coords;
+        let start = view.start(before);
         let travel = (p - start).norm();
         let met = if travel <= view.spacing {
             if (p - view.pose.translation.vector).norm_squared() >= view.radius * view.radius {
@@ -542,18 +493,20 @@ impl ContactSurface {
         }
     }
 
-    /// Writes the changed velocities and displacements, and adds up what tools gave.
+    /// Writes the changed velocities and displacements, and adds up what tools gave. Returns how far a node was pushed at most, in m.
     fn apply<R: Real>(
         &mut self,
         tools: &[ToolStep],
         t: f64,
         nodes: &mut ContactNodes<R>,
         sums: &mut [ToolSum],
-    ) {
+    ) -> f64 {
+        let mut furthest2 = 0.0_f64;
         for node in self.nodes.iter().filter(|node| node.change != Vec3::zeros()) {
             nodes.v.set(node.slot, node.velocity + node.change);
             let u = nodes.u.vec3(node.slot);
             nodes.u.set(node.slot, u + node.change * nodes.dt);
+            furthest2 = furthest2.max(node.change.norm_squared());
             let brick = node.slot / BRICK_SLOTS as u32;
             let has_room = self.touched_bricks.len() < self.touched_bricks.capacity();
             if has_room && !self.touched_bricks.contains(&brick) {
@@ -569,24 +522,8 @@ impl ContactSurface {
             sum.impulse.torque_n_m -= (point.position - origin).cross(&impulse);
             sum.work_j += impulse.dot(&point.tool_velocity);
         }
+        furthest2.sqrt() * nodes.dt
     }
-}
-
-/// Where a vertex is, model frame.
-fn position<R: Real>(surface: &Surface, vertex: u32, u: &Field<R>) -> Vec3 {
-    let row = &surface.rows[vertex as usize];
-    let moved = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i]));
-    surface.positions[vertex as usize] + moved.sum::<Vec3>()
-}
-
-/// Whether a box comes within `slack` of any tool's way.
-fn is_near(tools: &[ToolStep], box_low: Vec3, box_high: Vec3, slack: f64) -> bool {
-    tools.iter().any(|tool| {
-        let (a, b) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
-        let reach = Vec3::repeat(tool.desc.bounding_radius_m() + slack);
-        let (low, high) = (a.inf(&b) - reach, a.sup(&b) + reach);
-        (0..3).all(|i| low[i] <= box_high[i] && box_low[i] <= high[i])
-    })
 }
 
 /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
@@ -617,44 +554,6 @@ fn for_each_centre(n: u32, mut visit: impl FnMut([f64; 3])) {
                 let (a, b) = (f64::from(3 * i + 2) * third, f64::from(3 * j + 2) * third);
                 visit([1.0 - a - b, a, b]);
             }
-        }
-    }
-}
-
-/// Local numbers of slots: open addressing in a table that is never more than half full.
-#[derive(Debug)]
-struct NodeIndex {
-    /// Slot and local number; the slot is `u32::MAX` where free.
-    table: Vec<(u32, u32)>,
-    used: Vec<u32>,
-}
-
-impl NodeIndex {
-    fn new() -> Self {
-        Self { table: vec![(u32::MAX, 0); 2 * MAX_NODES], used: Vec::with_capacity(MAX_NODES) }
-    }
-
-    fn clear(&mut self) {
-        for &at in &self.used {
-            self.table[at as usize].0 = u32::MAX;
-        }
-        self.used.clear();
-    }
-
-    fn find_or_insert(&mut self, slot: u32, fresh: u32) -> u32 {
-        let mask = self.table.len() - 1;
-        let mut at = slot.wrapping_mul(2_654_435_769) as usize & mask;
-        loop {
-            let (found, local) = self.table[at];
-            if found == slot {
-                return local;
-            }
-            if found == u32::MAX {
-                self.table[at] = (slot, fresh);
-                self.used.push(at as u32);
-                return fresh;
-            }
-            at = (at + 1) & mask;
         }
     }
 }

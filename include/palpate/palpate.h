@@ -675,6 +675,12 @@ typedef struct {
 /// The simulation's state stopped being finite; it is frozen at its last good state. Reset it, or destroy it.
 #define PLP_ERR_DIVERGED -301
 
+/// No GPU that can be used, or no driver for it. The message says why.
+#define PLP_ERR_NO_DEVICE -401
+
+/// The GPU or its driver failed. The simulation is lost and can only be destroyed; a new one may run on the processor.
+#define PLP_ERR_DEVICE -402
+
 /// A defect of the library, contained. The message says where; please report it.
 #define PLP_ERR_PANIC -901
 

@@ -4,7 +4,8 @@
 //! than [`Thresholds::acceleration`]. Its displacements stay where they are and its neighbours go on pulling at them: a sleeping
 //! node is a fixed anchor, not a missing one. Every few substeps the sleeping bricks next to awake ones are evaluated
 //! without being moved; one whose nodes would accelerate wakes. So the unbalanced force that sleep hides stays below m a everywhere,
-//! and the error in displacement below ρ a L² / (2 E).
+//! and the error in displacement below ρ a L² / (2 μ) at a distance L from
+//! what holds the tissue.
 
 use super::lattice::{MAX_RUN, Mark};
 use super::nodes::{Bricks, Run};
@@ -16,13 +17,13 @@ const WATCH_EVERY: u64 = 4;
 /// A sleeper wakes at this multiple of the acceleration below which it may sleep.
 const WAKE_FACTOR: f32 = 2.0;
 
-/// What sleep may hide of a displacement, in cells.
-const HIDDEN: f64 = 1e-2;
-/// By how much tissue is out of balance that an acceleration a moves by a / this: 2 E / (ρ L²) for E = 5 kPa, ρ = 1000 kg/m³ and
-/// L = 0.1 m from what holds it.
-const BALANCE_PER_S2: f64 = 1e3;
+/// What sleep may hide of a displacement at worst, in cells.
+const HIDDEN: f64 = 3e-2;
+/// By how much tissue is out of balance that an acceleration a moves by a / this: 2 μ / (ρ L²) for a shear modulus of 1.7 kPa (E = 5 kPa),
+/// ρ = 1000 kg/m³ and L = 0.1 m from what holds it.
+const BALANCE_PER_S2: f64 = 340.0;
 /// A speed by the acceleration that goes with it. The slowest wave of such tissue has 20 rad/s, so that what is stopped in its way
-/// lacks a tenth of [`HIDDEN`].
+/// lacks a tenth of [`HIDDEN`] or less.
 const STANDSTILL_S: f64 = 2e-3;
 
 /// When a brick counts as quiet.

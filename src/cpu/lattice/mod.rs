@@ -246,8 +246,13 @@ pub type Kernel<R> = unsafe fn(&Pass<R>, Run, Option<Run>, &mut Scratch<R>);
 
 /// A scalar for which kernels exist.
 pub trait CpuReal: Real {
+    /// Every route that this processor can take, the fastest first.
+    fn routes(laws: &LawTables<Self>) -> Vec<Kernel<Self>>;
+
     /// The kernel for this processor.
-    fn kernel(laws: &LawTables<Self>) -> Kernel<Self>;
+    fn kernel(laws: &LawTables<Self>) -> Kernel<Self> {
+        Self::routes(laws)[0]
+    }
 }
 
 /// Whether AVX2 and FMA are there.
@@ -288,20 +293,24 @@ macro_rules! compiled_for {
 macro_rules! kernels {
     ($real:ty, $avx2:ident) => {
         impl CpuReal for $real {
-            fn kernel(laws: &LawTables<Self>) -> Kernel<Self> {
+            fn routes(laws: &LawTables<Self>) -> Vec<Kernel<Self>> {
+                let mut routes: Vec<Kernel<Self>> = Vec::new();
                 #[cfg(target_arch = "x86_64")]
                 if has_avx2() {
                     if has_avx512vl() {
-                        return compiled_for!("avx2,fma,avx512f,avx512vl", $real, super::lanes::$avx2, laws);
+                        let kernel =
+                            compiled_for!("avx2,fma,avx512f,avx512vl", $real, super::lanes::$avx2, laws);
+                        routes.push(kernel);
                     }
-                    return compiled_for!("avx2,fma", $real, super::lanes::$avx2, laws);
+                    routes.push(compiled_for!("avx2,fma", $real, super::lanes::$avx2, laws));
                 }
                 // Without AVX2 speed is lost anyway: one kernel, with the terms of all.
-                if laws.damped {
+                routes.push(if laws.damped {
                     advance::<Portable<$real>, true, true>
                 } else {
                     advance::<Portable<$real>, true, false>
-                }
+                });
+                routes
             }
         }
     };

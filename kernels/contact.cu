@@ -6,7 +6,7 @@
 #include "contact.cuh"
 #include "layout.cuh"
 
-namespace {
+namespace contact_kernel {
 
 constexpr int THREADS = 1024;
 constexpr int WARPS = THREADS / 32;
@@ -85,7 +85,8 @@ __device__ uint32_t scan(uint32_t mine, uint32_t& total) {
     return before + sum - mine;
 }
 
-}  // namespace
+}  // namespace contact_kernel
+using namespace contact_kernel;
 
 // Marks the vertices that a tool may meet in the coming step.
 extern "C" __global__ void contact_near(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
@@ -162,7 +163,7 @@ struct Moment {
     uint32_t tissue_moves, is_last;
 };
 
-namespace {
+namespace contact_kernel {
 
 // What iterations exchange: a point's impulse, and what it makes of the velocity of the nodes.
 struct Exchange {
@@ -223,7 +224,7 @@ __device__ void give_to_nodes(const Contact& c, Exchange& s, uint32_t nodes) {
     }
 }
 
-}  // namespace
+}  // namespace contact_kernel
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     contact_resolve(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {

@@ -6,7 +6,7 @@
 #include "law.cuh"
 #include "layout.cuh"
 
-namespace {
+namespace lattice_kernel {
 
 // The staged tile: brick and halo.
 constexpr int TILE_X = BRICK_X + 2, TILE_Y = BRICK_Y + 2, TILE_Z = BRICK_Z + 2;
@@ -39,6 +39,8 @@ constexpr HaloTable halo_table() {
     }
     return table;
 }
+// External, so that no name in the image depends on where it was compiled.
+extern __device__ const HaloTable HALO_TABLE;
 __device__ const HaloTable HALO_TABLE = halo_table();
 
 // Everything that the nodes of a block share.
@@ -309,7 +311,8 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     }
 }
 
-}  // namespace
+}  // namespace lattice_kernel
+using namespace lattice_kernel;
 
 #define PLP_LATTICE(NAME, VOLUME, DAMPED) \
     extern "C" __global__ void __launch_bounds__(BRICK_NODES) NAME(const __grid_constant__ Pass pass) { substep<VOLUME, DAMPED>(pass); }

@@ -1,7 +1,7 @@
 // The end of a step: one block sums up what the last substep's marks say and tells the host.
 #include "layout.cuh"
 
-namespace {
+namespace report_kernel {
 
 constexpr int THREADS = 1024;
 
@@ -19,7 +19,8 @@ __device__ void join(Total& a, const Total& b) {
     a.vis_viva += b.vis_viva;
 }
 
-}  // namespace
+}  // namespace report_kernel
+using namespace report_kernel;
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     report(const Mark* marks, uint32_t count, const Step* step, uint32_t* diverged_at, const uint32_t* contact, const ToolSum* sums, Report* report) {

@@ -2,7 +2,7 @@
 #include "contact.cuh"
 #include "layout.cuh"
 
-namespace {
+namespace surface_kernel {
 
 __device__ Vec turned(const Frame& frame, Vec v) {
     const float* r = frame.turn;
@@ -46,7 +46,8 @@ __device__ float strain_of(const Surface& s, const uint32_t corners[8]) {
     return largest_eigenvalue(m);
 }
 
-}  // namespace
+}  // namespace surface_kernel
+using namespace surface_kernel;
 
 extern "C" __global__ void surface_positions(const __grid_constant__ Surface s) {
     const uint32_t vertex = blockIdx.x * blockDim.x + threadIdx.x;

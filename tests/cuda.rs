@@ -1,0 +1,190 @@
+//! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use palpate::cuda::device::Device;
+use palpate::error::Error;
+use palpate::math::{Pose, Vec3};
+use palpate::model::grid::LabelGrid;
+use palpate::model::material::Material;
+use palpate::model::{Build, Fix, LabelUse, Model};
+use palpate::sim::{Backend, NodeField, Precision, Sim, SimDesc, SurfaceField};
+use palpate::solver::tool::{ToolDesc, ToolMotion};
+
+/// Relative difference of displacements after a thousand substeps in single precision, at strains of some percent.
+const SAME_MOTION: f64 = 1e-5;
+/// And of velocities: an acceleration is a small difference of large forces, and keeps what rounding does to those.
+const SAME_SPEED: f64 = 1e-4;
+/// Relative difference of forces: the two backends find the impulses by different iterations.
+const SAME_FORCE: f64 = 1e-4;
+/// Edge of a cell in m.
+const CELL_M: f64 = 2e-3;
+
+/// Whether there is a GPU; a test that needs one returns where there is none.
+fn has_gpu(test: &str) -> bool {
+    match Device::open(None) {
+        Ok(_) => true,
+        Err(error) => {
+            println!("SKIPPED without a GPU: {test} ({error})");
+            false
+        }
+    }
+}
+
+/// A block of two tissues, held below.
+fn block(poisson: f64, damping_s: f64) -> Arc<Model> {
+    let dims = [22, 18, 13];
+    let labels = (0..dims.iter().product()).map(|i: usize| 1 + u16::from(i % 22 > 11)).collect();
+    let frame = Pose::from_parts(
+        Vec3::new(0.01, -0.02, 0.03).into(),
+        palpate::math::Quat::from_euler_angles(0.1, -0.2, 0.3),
+    );
+    let mut build = Build::new(LabelGrid::new(dims, Vec3::repeat(CELL_M), frame, labels).unwrap());
+    let tissue = |young_pa| {
+        let mut material = Material::new("tissue", young_pa, poisson, 1000.0).unwrap();
+        material.damping_s = damping_s;
+        LabelUse::Tissue(material)
+    };
+    build.uses = BTreeMap::from([(1, tissue(3e3)), (2, tissue(6e3))]);
+    build.fixes.push(Fix { pose: frame, half_extents: Vec3::new(1.0, 1.0, 1.5 * CELL_M), axes: [true; 3] });
+    Arc::new(build.run(&mut |_, _| true).unwrap())
+}
+
+fn simulation(model: &Arc<Model>, backend: Backend, precision: Precision) -> Sim {
+    let desc = SimDesc {
+        backend,
+        precision,
+        gravity_m_s2: Vec3::new(4.0, -2.0, -8.0),
+        rest_under_gravity: false,
+        // The same ones for both: how many there ought to be hangs on the last bits of a strain.
+        substeps: Some(8),
+        sleeping: false,
+        ..SimDesc::default()
+    };
+    Sim::new(model.clone(), &desc).unwrap()
+}
+
+const GPU: Backend = Backend::Cuda { index: None };
+
+/// The largest value of a field.
+fn largest(field: &[Vec3]) -> f64 {
+    field.iter().map(Vec3::norm).fold(0.0, f64::max)
+}
+
+/// The largest difference between two fields.
+fn difference(a: &[Vec3], b: &[Vec3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn without_a_gpu_the_error_says_why() {
+    if let Err(error) = Device::open(None) {
+        assert!(matches!(error, Error::NoDevice(_)), "{error}");
+        assert!(error.to_string().len() > "no GPU: ".len());
+    }
+}
+
+#[test]
+fn a_gpu_that_does_not_exist_is_refused() {
+    assert!(Device::open(Some(1_000_000)).is_err());
+}
+
+#[test]
+fn free_motion_is_that_of_the_processor() {
+    if !has_gpu("free_motion_is_that_of_the_processor") {
+        return;
+    }
+    for (poisson, damping_s) in [(0.25, 0.0), (0.45, 0.0), (0.45, 1e-4)] {
+        let model = block(poisson, damping_s);
+        let (mut cpu, mut gpu) =
+            (simulation(&model, Backend::Cpu, Precision::Double), simulation(&model, GPU, Precision::Single));
+        // Velocities die away; what they are measured by does not.
+        let mut most = [0.0_f64; 2];
+        let fields = [NodeField::Displacement, NodeField::Velocity];
+        while cpu.statistics().substeps < 1000 {
+            cpu.step().unwrap();
+            gpu.step().unwrap();
+            for (most, field) in most.iter_mut().zip(fields) {
+                *most = most.max(largest(&cpu.nodes(field)));
+            }
+        }
+        for ((most, field), tolerance) in most.into_iter().zip(fields).zip([SAME_MOTION, SAME_SPEED]) {
+            let found = difference(&cpu.nodes(field), &gpu.nodes(field)) / most;
+            println!("nu {poisson} damping {damping_s}: {field:?} {found:e} of {most:e}");
+            assert!(found < tolerance, "{field:?}: {found:e}");
+        }
+        let (of_cpu, of_gpu) = (cpu.statistics(), gpu.statistics());
+        assert!((of_cpu.max_strain - of_gpu.max_strain).abs() < 1e-3 * of_cpu.max_strain);
+        assert!((of_cpu.volume_ratio[0] - of_gpu.volume_ratio[0]).abs() < 1e-4);
+    }
+}
+
+#[test]
+fn a_press_feels_and_looks_as_on_the_processor() {
+    if !has_gpu("a_press_feels_and_looks_as_on_the_processor") {
+        return;
+    }
+    let model = block(0.45, 0.0);
+    let mut sims = [(Backend::Cpu, Precision::Double), (GPU, Precision::Single), (GPU, Precision::Single)]
+        .map(|(backend, precision)| simulation(&model, backend, precision));
+    let centre = model.frame().transform_point(&(Vec3::new(11.0, 9.0, 13.0) * CELL_M).into()).coords;
+    let outward = model.frame() * Vec3::z();
+    let desc = ToolDesc { friction: 0.3, ..ToolDesc::sphere(9e-3) };
+    let mut tools = sims.each_mut().map(|sim| sim.add_tool(&desc).unwrap());
+    let along = model.frame() * Vec3::x();
+    let (mut force, mut apart) = (0.0_f64, 0.0_f64);
+    for step in 0..250 {
+        let deep = (2.5e-4 * f64::from(step)).min(5e-3);
+        let aside = 1e-5 * f64::from((step - 120).max(0));
+        let at = centre + outward * (9.5e-3 - deep) + along * aside;
+        for (sim, tool) in sims.iter_mut().zip(&mut tools) {
+            tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+            sim.step().unwrap();
+        }
+        let [a, b, c] = tools.each_mut().map(|tool| tool.force().wrench);
+        assert_eq!(b, c, "the same GPU gives the same bits");
+        force = force.max(a.force_n.norm());
+        apart = apart.max((a.force_n - b.force_n).norm() + (a.torque_n_m - b.torque_n_m).norm() / 9e-3);
+    }
+    println!("force {force:e} N, difference {apart:e} N");
+    assert!(apart < SAME_FORCE * force);
+
+    let id = tools.each_ref().map(|tool| tool.id());
+    let touched = [0, 1].map(|i| sims[i].contacts(id[i]).unwrap());
+    assert_eq!(touched[0].len(), touched[1].len());
+    let sum = touched[1].iter().map(|contact| contact.force_n).sum::<Vec3>();
+    let last = tools[1].force().wrench.force_n;
+    assert!((sum + last).norm() < 0.05 * last.norm(), "contacts of the last substep against the step's mean");
+
+    for field in [SurfaceField::Displacement, SurfaceField::Strain] {
+        let mut ports = [0, 1].map(|i| sims[i].open_surface(model.contact_surface()).unwrap());
+        ports.iter_mut().for_each(|port| port.set_field(field));
+        let [cpu, gpu] = ports.each_mut().map(|port| port.map().unwrap());
+        let apart = |a: &[[f32; 4]], b: &[[f32; 4]]| {
+            let pairs = a.iter().flatten().zip(b.iter().flatten());
+            pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        };
+        assert!(apart(cpu.positions, gpu.positions) < 1e-6, "m");
+        assert!(apart(cpu.normals, gpu.normals) < 1e-3);
+        let most = cpu.scalars.iter().fold(0.0_f32, |most, x| most.max(*x));
+        let off = cpu.scalars.iter().zip(gpu.scalars).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert!(off < 1e-3 * most, "{field:?}: {off} of {most}");
+    }
+}
+
+#[test]
+fn what_the_gpu_does_not_do_yet_is_refused_and_nothing_is_lost() {
+    if !has_gpu("what_the_gpu_does_not_do_yet_is_refused_and_nothing_is_lost") {
+        return;
+    }
+    let model = block(0.45, 0.0);
+    let mut sim = simulation(&model, GPU, Precision::Single);
+    sim.step().unwrap();
+    let before = sim.nodes(NodeField::Displacement);
+    assert!(matches!(sim.settle(1.0, 100), Err(Error::Unsupported(_))));
+    assert_eq!(sim.nodes(NodeField::Displacement), before);
+    sim.step().unwrap();
+    let double = SimDesc { backend: GPU, precision: Precision::Double, ..SimDesc::default() };
+    assert!(matches!(Sim::new(model, &double), Err(Error::Unsupported(_))));
+}

@@ -150,7 +150,7 @@ fn a_press_feels_and_looks_as_on_the_processor() {
     println!("force {force:e} N, difference {apart:e} N");
     assert!(apart < SAME_FORCE * force);
 
-    let id = tools.each_ref().map(|tool| tool.id());
+    let id = tools.each_ref().map(palpate::sim::ToolPort::id);
     let touched = [0, 1].map(|i| sims[i].contacts(id[i]).unwrap());
     assert_eq!(touched[0].len(), touched[1].len());
     let sum = touched[1].iter().map(|contact| contact.force_n).sum::<Vec3>();

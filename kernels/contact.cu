@@ -167,11 +167,11 @@ namespace contact_kernel {
 
 // What iterations exchange: a point's impulse, and what it makes of the velocity of the nodes.
 struct Exchange {
-    float4 impulse[MAX_POINTS];
-    float4 change[MAX_TOUCHED];
+    float4* impulse;  // [max_points]
+    float4* change;   // [max_touched]
     // Before the first change is known: how many points a node carries, and where the next one is put.
-    __device__ uint32_t* length(uint32_t j) { return reinterpret_cast<uint32_t*>(&change[j].x); }
-    __device__ uint32_t* place(uint32_t j) { return reinterpret_cast<uint32_t*>(&change[j].y); }
+    __device__ uint32_t* length(uint32_t j) const { return reinterpret_cast<uint32_t*>(&change[j].x); }
+    __device__ uint32_t* place(uint32_t j) const { return reinterpret_cast<uint32_t*>(&change[j].y); }
 };
 
 // The points of one time.
@@ -204,7 +204,7 @@ __device__ void link(const Contact& c, Points points, uint32_t vertex, uint32_t 
 }
 
 // Changes of the nodes' velocities by the points' impulses.
-__device__ void give_to_nodes(const Contact& c, Exchange& s, uint32_t nodes) {
+__device__ void give_to_nodes(const Contact& c, const Exchange& s, uint32_t nodes) {
     for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
         const float4 mobility = c.touched_mobility[j];
         Vec sum{0, 0, 0};
@@ -228,8 +228,8 @@ __device__ void give_to_nodes(const Contact& c, Exchange& s, uint32_t nodes) {
 
 extern "C" __global__ void __launch_bounds__(THREADS)
     contact_resolve(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
-    extern __shared__ Exchange exchange[];
-    Exchange& s = *exchange;
+    extern __shared__ float4 exchanged[];
+    const Exchange s{exchanged, exchanged + c.max_points};
     if (*pass.diverged_at <= pass.substep) return;
     const uint32_t near_count = c.counts[NEAR];
     const Step& step = *pass.step;
@@ -277,9 +277,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             const bool inside = met.distance < 0.0f;
             uint32_t total;
             const uint32_t place = count + scan(inside, total);
-            count = min(count + total, uint32_t(MAX_POINTS));
-            if (inside && place >= MAX_POINTS) atomicAdd(&c.counts[DROPPED], 1);
-            if (!inside || place >= MAX_POINTS) continue;
+            count = min(count + total, c.max_points);
+            if (inside && place >= c.max_points) atomicAdd(&c.counts[DROPPED], 1);
+            if (!inside || place >= c.max_points) continue;
 
             points.word(VERTEX, place) = vertex;
             points.word(TOOL, place) = t;
@@ -313,8 +313,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             for (int i = 0; i < 8; ++i) {
                 if (old_tag[i] == tag) continue;
                 const uint32_t j = atomicAdd(&touched, 1);
-                if (j < MAX_TOUCHED) c.touched[j] = node_at[i];
-                c.touched_at[node_at[i]] = min(j, uint32_t(MAX_TOUCHED - 1));
+                if (j < c.max_touched) c.touched[j] = node_at[i];
+                c.touched_at[node_at[i]] = min(j, c.max_touched - 1);
             }
             const bool movable = free > MOVABLE * all;
             const float mass = 1.0f / (movable ? free : all);
@@ -343,7 +343,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     }
     if (count == 0) return;
     __syncthreads();
-    const uint32_t nodes = min(touched, uint32_t(MAX_TOUCHED));
+    const uint32_t nodes = min(touched, c.max_touched);
     if (threadIdx.x == 0 && touched > nodes) atomicAdd(&c.counts[DROPPED], 1);
 
     // The points that each of these nodes carries: counted, placed, and then brought into their order.

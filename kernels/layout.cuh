@@ -16,10 +16,8 @@ struct Law {
 
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
-// Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
+// Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
 constexpr int MAX_POINTS = 2048, MAX_NEAR = 32768, MAX_NODES = 65536;
-// Most nodes that carry contact points.
-constexpr int MAX_TOUCHED = 3584;
 
 // A tool during one step. Model frame.
 struct ToolStep {
@@ -143,6 +141,8 @@ enum PointField {
 // Contact of one surface.
 struct Contact {
     uint32_t vertices;
+    // Most contact points, and most nodes that carry them: what the device's shared memory holds.
+    uint32_t max_points, max_touched;
     const float* rest;          // [3 * vertices]
     const uint4* row_nodes;     // [2 * vertices]: slots
     const float4* row_weights;  // [2 * vertices]
@@ -158,7 +158,7 @@ struct Contact {
     float4* mobility;
     uint32_t* node_tag;
     uint32_t* touched_at;
-    // Nodes that carry points, and for each the points: ranges [MAX_TOUCHED + 1], and point and weight.
+    // Nodes that carry points, and for each the points: ranges [max_touched + 1], and point and weight.
     uint32_t* touched;
     float4* touched_mobility;
     uint32_t* entry_start;

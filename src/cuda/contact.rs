@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
+use super::device::Device;
 use super::kernels::Kernels;
-use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, MAX_TOUCHED, Moment, Part, Pass, ToolSum, point};
+use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, Moment, Part, Pass, ToolSum, point};
 use super::memory::{Buffer, Stream};
 use super::pointer;
 use crate::error::{Error, Result};
@@ -17,8 +18,6 @@ use crate::solver::tool::{Contact, MAX_PARTS};
 /// Threads of a block of `contact_near`, and of the one block of `contact_list` and `contact_resolve`.
 const NEAR_THREADS: u32 = 256;
 const THREADS: u32 = 1024;
-/// Shared memory of `contact_resolve`.
-pub(super) const EXCHANGE_BYTES: u32 = ((MAX_POINTS + MAX_TOUCHED) * 16) as u32;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a tool's feature that the tissue may travel in a substep before its way matters.
@@ -26,10 +25,37 @@ const JUMP: f64 = 0.125;
 /// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
 
+/// How much contact a device's shared memory holds at once.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// Points.
+    points: u32,
+    /// Nodes that carry them.
+    touched: u32,
+}
+
+impl Room {
+    /// What a block may share on a device.
+    pub fn on(device: &Device) -> Result<Self> {
+        /// What the kernel declares itself, and what the driver keeps, in bytes.
+        const DECLARED: u32 = 9 << 10;
+        let shared = device.shared_bytes()?.saturating_sub(DECLARED);
+        // Both hold 16 bytes each; a point is carried by nearly two nodes of its own.
+        let points = (shared / 16 * 4 / 11).min(MAX_POINTS as u32);
+        Ok(Self { points, touched: points * 7 / 4 })
+    }
+
+    /// Shared memory in bytes.
+    pub fn bytes(self) -> u32 {
+        (self.points + self.touched) * 16
+    }
+}
+
 /// The contact surface of a model on the device.
 #[derive(Debug)]
 pub struct ContactSurface {
     model: Arc<Model>,
+    room: Room,
     longest_edge: f64,
     vertices: u32,
     rest: Buffer<[f32; 3]>,
@@ -68,7 +94,7 @@ pub struct Plan {
 
 impl ContactSurface {
     /// Prepares the contact surface of a model.
-    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>, room: Room) -> Result<Self> {
         let surface = &model.surfaces()[model.contact_surface()];
         let slots = model.lattice().slot_count();
         let vertices = surface.positions.len();
@@ -81,7 +107,9 @@ impl ContactSurface {
             .flat_map(|t| (0..3).map(move |i| (t[i], t[(i + 1) % 3])))
             .map(|(a, b)| (surface.positions[a as usize] - surface.positions[b as usize]).norm())
             .fold(0.0, f64::max);
+        let (points, touched) = (room.points as usize, room.touched as usize);
         Ok(Self {
+            room,
             longest_edge,
             vertices: vertices as u32,
             rest: Buffer::of(stream, &rest)?,
@@ -97,10 +125,10 @@ impl ContactSurface {
             mobility: Buffer::zeros(stream, MAX_NODES)?,
             node_tag: Buffer::zeros(stream, MAX_NODES)?,
             touched_at: Buffer::zeros(stream, MAX_NODES)?,
-            touched: Buffer::zeros(stream, MAX_TOUCHED)?,
-            touched_mobility: Buffer::zeros(stream, MAX_TOUCHED)?,
-            entry_start: Buffer::zeros(stream, MAX_TOUCHED + 1)?,
-            entries: Buffer::zeros(stream, MAX_POINTS * ROW)?,
+            touched: Buffer::zeros(stream, touched)?,
+            touched_mobility: Buffer::zeros(stream, touched)?,
+            entry_start: Buffer::zeros(stream, touched + 1)?,
+            entries: Buffer::zeros(stream, points * ROW)?,
             head_tag: Buffer::zeros(stream, vertices)?,
             head: Buffer::zeros(stream, vertices)?,
             points: Buffer::zeros(stream, 2 * point::FIELDS * MAX_POINTS)?,
@@ -155,6 +183,8 @@ impl ContactSurface {
     fn contact(&self) -> layout::Contact {
         layout::Contact {
             vertices: self.vertices,
+            max_points: self.room.points,
+            max_touched: self.room.touched,
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
@@ -226,7 +256,7 @@ impl ContactSurface {
                     stream.handle,
                     1,
                     THREADS,
-                    EXCHANGE_BYTES,
+                    self.room.bytes(),
                     arguments,
                 )?;
             }

@@ -13,9 +13,9 @@ use crate::error::{Error, Result};
 const OLDEST: (i32, i32) = (7, 5);
 
 /// Attributes of a device, by their numbers in cuda.h.
-const MULTIPROCESSORS: c_int = 16;
 const MAJOR: c_int = 75;
 const MINOR: c_int = 76;
+const SHARED_BYTES_OF_A_BLOCK: c_int = 97;
 
 /// A GPU whose primary context is held as long as this lives.
 #[derive(Debug)]
@@ -99,13 +99,14 @@ impl Device {
         self.capability
     }
 
-    /// How many multiprocessors it has.
-    pub fn multiprocessors(&self) -> Result<u32> {
-        let mut count = 0;
-        // SAFETY: `count` is written.
-        let status = unsafe { (self.driver.device_get_attribute)(&mut count, MULTIPROCESSORS, self.handle) };
+    /// Shared memory that a block may ask for, in bytes.
+    pub(super) fn shared_bytes(&self) -> Result<u32> {
+        let mut bytes = 0;
+        // SAFETY: `bytes` is written.
+        let status =
+            unsafe { (self.driver.device_get_attribute)(&mut bytes, SHARED_BYTES_OF_A_BLOCK, self.handle) };
         self.driver.check(status, "asking a GPU")?;
-        Ok(count as u32)
+        Ok(bytes as u32)
     }
 
     /// Makes the context current on this thread until the guard is dropped; the host's own context is then current again.

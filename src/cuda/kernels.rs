@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::{CUfunction, CUmodule, CUstream};
 
-use super::contact::EXCHANGE_BYTES;
+use super::contact::Room;
 use super::device::Device;
 use crate::error::Result;
 
@@ -99,7 +99,7 @@ unsafe impl Send for Kernels {}
 
 impl Kernels {
     /// Loads the kernels for a model with or without volume terms and damped springs.
-    pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
+    pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool, room: Room) -> Result<Self> {
         let lattice = Module::load(device, LATTICE)?;
         let contact = Module::load(device, CONTACT)?;
         let surface = Module::load(device, SURFACE)?;
@@ -114,7 +114,7 @@ impl Kernels {
             substep: lattice.function(substep)?,
             contact_near: contact.function(c"contact_near")?,
             contact_list: contact.function(c"contact_list")?,
-            contact_resolve: contact.sharing_function(c"contact_resolve", EXCHANGE_BYTES)?,
+            contact_resolve: contact.sharing_function(c"contact_resolve", room.bytes())?,
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,

@@ -30,12 +30,10 @@ impl Law {
     }
 }
 
-/// Most contact points at once, most vertices that may become one in a step, and most nodes that carry those.
+/// Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
 pub const MAX_POINTS: usize = 2048;
 pub const MAX_NEAR: usize = 32768;
 pub const MAX_NODES: usize = 65536;
-/// Most nodes that carry contact points.
-pub const MAX_TOUCHED: usize = 3584;
 
 /// One shape of a tool, in the tool's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -223,6 +221,8 @@ pub mod point {
 #[repr(C)]
 pub struct Contact {
     pub vertices: u32,
+    pub max_points: u32,
+    pub max_touched: u32,
     pub rest: CUdeviceptr,
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,

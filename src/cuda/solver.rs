@@ -9,7 +9,7 @@ use std::mem::offset_of;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
-use super::contact::{ContactSurface, Plan};
+use super::contact::{ContactSurface, Plan, Room};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::Kernels;
@@ -148,16 +148,18 @@ impl CudaSolver {
     pub fn new(model: &Arc<Model>, device: Arc<Device>) -> Result<Self> {
         let stream = Arc::new(Stream::new(device)?);
         let laws = model.laws();
+        let room = Room::on(&stream.device)?;
         let kernels = Kernels::load(
             &stream.device,
             laws.iter().any(|law| law.volume_n > 0.0),
             laws.iter().any(|law| law.damping_s > 0.0),
+            room,
         )?;
         let mut solver = Self {
             state: State::new(model, &stream)?,
             step: Pinned::new(&stream)?,
             report: Pinned::new(&stream)?,
-            contact: ContactSurface::new(model, &stream)?,
+            contact: ContactSurface::new(model, &stream, room)?,
             surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
             speed: 0.0,

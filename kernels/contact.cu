@@ -8,7 +8,9 @@
 
 namespace contact_kernel {
 
-constexpr int THREADS = 1024;
+// Threads of the one block that lists, and of the one that resolves: contact is small, and fewer warps meet sooner.
+constexpr int LIST_THREADS = 1024;
+constexpr int THREADS = 256;
 constexpr int WARPS = THREADS / 32;
 // Iterations for the impulses.
 constexpr int ITERATIONS = 8;
@@ -65,8 +67,9 @@ __device__ Vec displacement(const Contact& c, const float4* u, uint32_t vertex) 
 __device__ size_t velocity_at(uint32_t slot) { return size_t(slot / BRICK_NODES) * (3 * BRICK_NODES) + slot % BRICK_NODES; }
 
 // Exclusive sum over the block; `total` is that of all. Every thread calls it.
+template <int WARPS>
 __device__ uint32_t scan(uint32_t mine, uint32_t& total) {
-    __shared__ uint32_t of_warp[WARPS + 1];
+    __shared__ uint32_t of_warp[WARPS];
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32;
     uint32_t sum = mine;
     for (int step = 1; step < 32; step *= 2) {
@@ -110,13 +113,13 @@ extern "C" __global__ void contact_near(const __grid_constant__ Contact c, const
 }
 
 // Lists the marked vertices in their order, and the nodes that carry them.
-extern "C" __global__ void __launch_bounds__(THREADS) contact_list(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
+extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t words = (c.vertices + 31) / 32;
     uint32_t count = 0;
-    for (uint32_t first = 0; first < words; first += THREADS) {
+    for (uint32_t first = 0; first < words; first += LIST_THREADS) {
         const uint32_t word = first + threadIdx.x;
         uint32_t bits = word < words ? c.near_bits[word] : 0, total;
-        uint32_t at = count + scan(__popc(bits), total);
+        uint32_t at = count + scan<LIST_THREADS / 32>(__popc(bits), total);
         for (; bits; bits &= bits - 1, ++at) {
             if (at < MAX_NEAR) c.near[at] = word * 32 + __ffs(bits) - 1;
         }
@@ -131,7 +134,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_list(const __grid_
     }
     __syncthreads();
     count = c.counts[NEAR];
-    for (uint32_t i = threadIdx.x; i < 8 * count; i += THREADS) {
+    for (uint32_t i = threadIdx.x; i < 8 * count; i += LIST_THREADS) {
         const uint32_t slot = reinterpret_cast<const uint32_t*>(c.row_nodes)[8 * c.near[i / 8] + i % 8];
         if (atomicExch(&c.node_stamp[slot], stamp) == stamp) continue;
         const uint32_t node = atomicAdd(&nodes, 1);
@@ -152,7 +155,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_list(const __grid_
     __syncthreads();
     if (threadIdx.x == 0) c.counts[NODES] = min(nodes, uint32_t(MAX_NODES));
     // Tools start the step with nothing.
-    for (uint32_t i = threadIdx.x; i < pass.step->tool_count; i += THREADS) c.sums[i] = ToolSum{};
+    for (uint32_t i = threadIdx.x; i < pass.step->tool_count; i += LIST_THREADS) c.sums[i] = ToolSum{};
 }
 
 // Where and when a projection takes place.
@@ -276,7 +279,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             }
             const bool inside = met.distance < 0.0f;
             uint32_t total;
-            const uint32_t place = count + scan(inside, total);
+            const uint32_t place = count + scan<WARPS>(inside, total);
             count = min(count + total, c.max_points);
             if (inside && place >= c.max_points) atomicAdd(&c.counts[DROPPED], 1);
             if (!inside || place >= c.max_points) continue;
@@ -368,7 +371,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     for (uint32_t first = 0; first < nodes; first += THREADS) {
         const uint32_t j = first + threadIdx.x, mine = j < nodes ? *s.length(j) : 0;
         uint32_t total;
-        const uint32_t start = entries + scan(mine, total);
+        const uint32_t start = entries + scan<WARPS>(mine, total);
         entries += total;
         if (j < nodes) {
             c.entry_start[j] = start;

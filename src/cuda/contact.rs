@@ -15,9 +15,10 @@ use crate::sim::MAX_TOOLS;
 use crate::solver::ToolStep;
 use crate::solver::tool::{Contact, MAX_PARTS};
 
-/// Threads of a block of `contact_near`, and of the one block of `contact_list` and `contact_resolve`.
+/// Threads of a block of `contact_near`, and of the one block of `contact_list` and of `contact_resolve`.
 const NEAR_THREADS: u32 = 256;
-const THREADS: u32 = 1024;
+const LIST_THREADS: u32 = 1024;
+const THREADS: u32 = 256;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a tool's feature that the tissue may travel in a substep before its way matters.
@@ -220,7 +221,7 @@ impl ContactSurface {
         // SAFETY: the kernels' arguments, as declared.
         unsafe {
             kernels.contact_near.launch(&stream.device, stream.handle, blocks, NEAR_THREADS, 0, arguments)?;
-            kernels.contact_list.launch(&stream.device, stream.handle, 1, THREADS, 0, arguments)
+            kernels.contact_list.launch(&stream.device, stream.handle, 1, LIST_THREADS, 0, arguments)
         }
     }
 

@@ -19,7 +19,7 @@ constexpr float MOVABLE = 1e-3f;
 constexpr uint32_t NONE = ~0u;
 
 // Places in Contact::counts.
-enum Count { NEAR, NODES, DROPPED, POINTS, TAG, TOUCHED };
+enum Count { NEAR, NODES, DROPPED, POINTS, TAG, PUSHED };
 
 __device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
 
@@ -138,10 +138,6 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
         const uint32_t slot = reinterpret_cast<const uint32_t*>(c.row_nodes)[8 * c.near[i / 8] + i % 8];
         if (atomicExch(&c.node_stamp[slot], stamp) == stamp) continue;
         const uint32_t node = atomicAdd(&nodes, 1);
-        if (node >= MAX_NODES) {
-            c.node_of[slot] = MAX_NODES - 1;
-            continue;
-        }
         c.node_of[slot] = node;
         c.nodes[node] = slot;
         c.node_tag[node] = 0;
@@ -153,7 +149,7 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
         c.mobility[node] = make_float4(flags & 1 ? 0.0f : inverse, flags & 2 ? 0.0f : inverse, flags & 4 ? 0.0f : inverse, inverse);
     }
     __syncthreads();
-    if (threadIdx.x == 0) c.counts[NODES] = min(nodes, uint32_t(MAX_NODES));
+    if (threadIdx.x == 0) c.counts[NODES] = nodes;
     // Tools start the step with nothing.
     for (uint32_t i = threadIdx.x; i < pass.step->tool_count; i += LIST_THREADS) c.sums[i] = ToolSum{};
 }
@@ -317,7 +313,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                 if (old_tag[i] == tag) continue;
                 const uint32_t j = atomicAdd(&touched, 1);
                 if (j < c.max_touched) c.touched[j] = node_at[i];
-                c.touched_at[node_at[i]] = min(j, c.max_touched - 1);
+                c.touched_at[node_at[i]] = j < c.max_touched ? j : NONE;
             }
             const bool movable = free > MOVABLE * all;
             const float mass = 1.0f / (movable ? free : all);
@@ -343,11 +339,11 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     if (threadIdx.x == 0) {
         c.counts[POINTS] = count;
         c.counts[TAG] = tag;
+        c.counts[PUSHED] = 0;
     }
     if (count == 0) return;
     __syncthreads();
     const uint32_t nodes = min(touched, c.max_touched);
-    if (threadIdx.x == 0 && touched > nodes) atomicAdd(&c.counts[DROPPED], 1);
 
     // The points that each of these nodes carries: counted, placed, and then brought into their order.
     for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
@@ -356,14 +352,25 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     }
     __syncthreads();
     for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        uint32_t at[8];
+        bool has_room = true;
+#pragma unroll
+        for (int i = 0; i < 8; ++i) {
+            // A node without weight may be none of these.
+            at[i] = points.at(WEIGHTS + i, k) != 0.0f ? c.touched_at[points.word(NODE + i, k)] : 0;
+            has_room = has_room && at[i] != NONE;
+        }
+        if (!has_room) {
+            points.word(IS_MOVABLE, k) = 0;
+            points.at(PUSH, k) = 0.0f;
+            points.put(DRAG, k, {0, 0, 0});
+            atomicAdd(&c.counts[DROPPED], 1);
+        }
         const bool movable = points.word(IS_MOVABLE, k);
 #pragma unroll
         for (int i = 0; i < 8; ++i) {
-            const float w = points.at(WEIGHTS + i, k);
-            // A node without weight may be none of these.
-            const uint32_t j = w != 0.0f ? c.touched_at[points.word(NODE + i, k)] : 0;
-            points.word(NODE + i, k) = j;
-            if (movable && w != 0.0f) atomicAdd(s.length(j), 1);
+            points.word(NODE + i, k) = has_room ? at[i] : 0;
+            if (movable && points.at(WEIGHTS + i, k) != 0.0f) atomicAdd(s.length(at[i]), 1);
         }
     }
     __syncthreads();
@@ -390,14 +397,14 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __syncthreads();
     for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
         const uint32_t start = c.entry_start[j], end = start + *s.length(j);
-        float reach = 0.0f;
         for (uint32_t e = start; e < end; ++e) {
             const uint2 entry = c.entries[e];
-            reach += fabsf(__uint_as_float(entry.y));
             uint32_t to = e;
             for (; to > start && c.entries[to - 1].x > entry.x; --to) c.entries[to] = c.entries[to - 1];
             c.entries[to] = entry;
         }
+        float reach = 0.0f;
+        for (uint32_t e = start; e < end; ++e) reach += fabsf(__uint_as_float(c.entries[e].y));
         const float4 m = c.touched_mobility[j];
         s.change[j].w = reach * fmaxf(m.x, fmaxf(m.y, m.z));
     }
@@ -468,6 +475,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         u.z += change.z * step.dt;
     }
 
+    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        if (points.at(PUSH, k) > 0.0f) atomicAdd(&c.counts[PUSHED], 1);
+    }
     // What the tools receive: every thread its points, a warp as a tree, then the warps in order.
     __shared__ double parts[7][WARPS];
     for (uint32_t t = 0; t < tools; ++t) {

@@ -283,12 +283,13 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     if (!(speed2 * dt * dt < h * h)) atomicMin(pass.diverged_at, pass.substep);
     if (pass.mark) {
         float strain = 0.0f;
-        if (word >> 28) {
-            const float4 n[3] = {s.u[at + tile_at(1, 0, 0)], s.u[at + tile_at(0, 1, 0)], s.u[at + tile_at(0, 0, 1)]};
-            for (int i = 0; i < 3; ++i) {
-                const float lx = n[i].x - own.x + (i == 0 ? h : 0.0f), ly = n[i].y - own.y + (i == 1 ? h : 0.0f), lz = n[i].z - own.z + (i == 2 ? h : 0.0f);
-                strain = fmaxf(strain, fabsf(elongation(lx * lx + (ly * ly + lz * lz), h)));
-            }
+        // The edge ahead along an axis is there if one of the four cells beside it is.
+        const uint32_t beside[3] = {word & 0xf0f0f0f0u, word & 0xff00ff00u, word & 0xffff0000u};
+        const float4 ahead[3] = {s.u[at + tile_at(1, 0, 0)], s.u[at + tile_at(0, 1, 0)], s.u[at + tile_at(0, 0, 1)]};
+        for (int i = 0; i < 3; ++i) {
+            const float4 n = ahead[i];
+            const float lx = n.x - own.x + (i == 0 ? h : 0.0f), ly = n.y - own.y + (i == 1 ? h : 0.0f), lz = n.z - own.z + (i == 2 ? h : 0.0f);
+            if (beside[i]) strain = fmaxf(strain, fabsf(elongation(lx * lx + (ly * ly + lz * lz), h)));
         }
         const Mark mine{warp_max(speed2), warp_max(a.x * a.x + (a.y * a.y + a.z * a.z)),
                         warp_max(next.x * next.x + (next.y * next.y + next.z * next.z)), warp_sum(mass * speed2), warp_max(strain), warp_max(swelling),

@@ -17,7 +17,7 @@ struct Law {
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
 // Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
-constexpr int MAX_POINTS = 2048, MAX_NEAR = 32768, MAX_NODES = 65536;
+constexpr int MAX_POINTS = 2048, MAX_NEAR = 8192, MAX_NODES = 8 * MAX_NEAR;
 
 // A tool during one step. Model frame.
 struct ToolStep {
@@ -150,7 +150,7 @@ struct Contact {
     // Near vertices: a bit each, and their list.
     uint32_t* near_bits;
     uint32_t* near;
-    uint32_t* counts;  // near, nodes, dropped, points, tag
+    uint32_t* counts;  // near, nodes, dropped, points, tag, pushed points
     // Nodes that carry near vertices: slot, mobility along the axes and inverse mass.
     uint32_t* node_stamp;  // [slots]
     uint32_t* node_of;     // [slots]

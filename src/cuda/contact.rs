@@ -19,6 +19,8 @@ use crate::solver::tool::{Contact, MAX_PARTS};
 const NEAR_THREADS: u32 = 256;
 const LIST_THREADS: u32 = 1024;
 const THREADS: u32 = 256;
+/// Nothing near, nothing dropped. The tag starts at 1: what was never tagged is 0, and belongs to no time.
+const FRESH_COUNTS: [u32; 8] = [0, 0, 0, 0, 1, 0, 0, 0];
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a tool's feature that the tissue may travel in a substep before its way matters.
@@ -58,6 +60,8 @@ pub struct ContactSurface {
     model: Arc<Model>,
     room: Room,
     longest_edge: f64,
+    /// Largest Σ |w| of a vertex: how much further than a node it may move.
+    lever: f64,
     vertices: u32,
     rest: Buffer<[f32; 3]>,
     row_nodes: Buffer<[u32; ROW]>,
@@ -108,10 +112,16 @@ impl ContactSurface {
             .flat_map(|t| (0..3).map(move |i| (t[i], t[(i + 1) % 3])))
             .map(|(a, b)| (surface.positions[a as usize] - surface.positions[b as usize]).norm())
             .fold(0.0, f64::max);
+        let lever = surface
+            .rows
+            .iter()
+            .map(|row| row.weights.iter().map(|w| f64::from(w.abs())).sum())
+            .fold(1.0, f64::max);
         let (points, touched) = (room.points as usize, room.touched as usize);
         Ok(Self {
             room,
             longest_edge,
+            lever,
             vertices: vertices as u32,
             rest: Buffer::of(stream, &rest)?,
             row_nodes: Buffer::of(stream, &surface.rows.iter().map(|row| row.nodes).collect::<Vec<_>>())?,
@@ -119,7 +129,7 @@ impl ContactSurface {
             parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
             near_bits: Buffer::zeros(stream, vertices.div_ceil(32))?,
             near: Buffer::zeros(stream, MAX_NEAR)?,
-            counts: Buffer::zeros(stream, 8)?,
+            counts: Buffer::of(stream, &FRESH_COUNTS)?,
             node_stamp: Buffer::zeros(stream, slots)?,
             node_of: Buffer::zeros(stream, slots)?,
             nodes: Buffer::zeros(stream, MAX_NODES)?,
@@ -164,11 +174,13 @@ impl ContactSurface {
         Ok((Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32 }, records))
     }
 
-    /// How far tissue may come to meet tools in a step, besides their own ways, when no node is faster than `speed`.
-    pub fn margin(&self, tools: &[ToolStep], speed: f64, duration: f64) -> f64 {
+    /// How far tissue may come to meet tools in a step, besides their own ways, when no node is faster than `speed` at its start and all
+    /// fall with `gravity`.
+    pub fn margin(&self, tools: &[ToolStep], speed: f64, gravity: f64, duration: f64) -> f64 {
         // Tissue that a tool pushes moves no faster than the tool.
         let reach = tools.iter().map(|t| t.path.reach(t.desc.bounding_radius_m())).fold(0.0, f64::max);
-        speed * duration + reach + 0.5 * self.model.lattice().cell_m()
+        let way = speed * duration + 0.5 * gravity * duration * duration + reach;
+        self.lever * way + 0.5 * self.model.lattice().cell_m()
     }
 
     /// Whether tissue may come so far in one substep that its way matters to a tool.
@@ -297,7 +309,7 @@ impl ContactSurface {
 
     /// Forgets all contacts.
     pub fn clear(&self) -> Result<()> {
-        self.counts.clear()?;
+        self.counts.write(0, &FRESH_COUNTS)?;
         self.node_stamp.clear()?;
         self.node_tag.clear()?;
         self.head_tag.clear()

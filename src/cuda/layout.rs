@@ -32,8 +32,8 @@ impl Law {
 
 /// Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
 pub const MAX_POINTS: usize = 2048;
-pub const MAX_NEAR: usize = 32768;
-pub const MAX_NODES: usize = 65536;
+pub const MAX_NEAR: usize = 8192;
+pub const MAX_NODES: usize = 8 * MAX_NEAR;
 
 /// One shape of a tool, in the tool's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -200,17 +200,18 @@ impl<T: Copy + Default> Pinned<T> {
         const PORTABLE_AND_MAPPED: u32 = 3;
         let device = &stream.device;
         let mut host: *mut c_void = std::ptr::null_mut();
-        let mut device_at = 0;
         let _entered = device.enter()?;
-        // SAFETY: both pointers are written; the memory is as large as the record.
-        unsafe {
-            let status = (device.driver.mem_host_alloc)(&mut host, size_of::<T>(), PORTABLE_AND_MAPPED);
-            device.driver.check(status, "memory that the GPU sees")?;
-            host.cast::<T>().write(T::default());
-            let status = (device.driver.mem_host_get_device_pointer)(&mut device_at, host, 0);
-            device.driver.check(status, "memory that the GPU sees")?;
-        }
-        Ok(Self { stream: stream.clone(), host: host.cast(), device_at })
+        // SAFETY: `host` is written, with memory as large as the record.
+        let status =
+            unsafe { (device.driver.mem_host_alloc)(&mut host, size_of::<T>(), PORTABLE_AND_MAPPED) };
+        device.driver.check(status, "memory that the GPU sees")?;
+        // SAFETY: memory of that size, suitably aligned: the driver gives whole pages.
+        unsafe { host.cast::<T>().write(T::default()) };
+        let mut pinned = Self { stream: stream.clone(), host: host.cast(), device_at: 0 };
+        // SAFETY: `device_at` is written.
+        let status = unsafe { (device.driver.mem_host_get_device_pointer)(&mut pinned.device_at, host, 0) };
+        device.driver.check(status, "memory that the GPU sees")?;
+        Ok(pinned)
     }
 
     /// Address for the device.

@@ -27,6 +27,8 @@ use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, T
 
 /// Displacement, in cells, at which forces are taken for linear: small against a cell, large against single precision's rounding.
 const PROBE: f64 = 1e-3;
+/// Most recorded steps that are kept.
+const MAX_GRAPHS: usize = 32;
 /// Looks at the report between two looks at whether the device still works.
 const PATIENCE: u32 = 1000;
 
@@ -50,6 +52,8 @@ pub struct CudaSolver {
     origins: Vec<Vec3>,
     last_dt: f64,
     dropped: u64,
+    /// Of those, the ones before the last reset.
+    dropped_before: u64,
     sequence: u32,
     stable_dt: f64,
     /// The host's copy of the nodes, where it is up to date.
@@ -166,6 +170,7 @@ impl CudaSolver {
             origins: Vec::new(),
             last_dt: 1.0,
             dropped: 0,
+            dropped_before: 0,
             sequence: 0,
             stable_dt: 0.0,
             mirror: RefCell::new(None),
@@ -187,6 +192,7 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         self.state.diverged_at.fill(SOUND)?;
         self.contact.clear()?;
+        self.dropped_before = self.dropped;
         self.speed = 0.0;
         self.mirror.replace(None);
         self.stream.wait()
@@ -198,6 +204,9 @@ impl CudaSolver {
         // SAFETY: the last step has been reported, so the device reads the record no more.
         unsafe { self.step.host().write(step) };
         let key = (substeps, start, contact);
+        if self.graphs.len() == MAX_GRAPHS && !self.graphs.contains_key(&key) {
+            self.graphs.clear();
+        }
         if !self.graphs.contains_key(&key) {
             let graph = Graph::record(&self.stream, || self.work(substeps, start, contact))?;
             self.graphs.insert(key, graph);
@@ -261,7 +270,11 @@ impl CudaSolver {
             looks += 1;
             if looks % PATIENCE == 0 {
                 let _entered = self.stream.device.enter()?;
-                self.stream.device.driver.is_done(self.stream.handle)?;
+                let is_done = self.stream.device.driver.is_done(self.stream.handle)?;
+                // SAFETY: as above.
+                if is_done && unsafe { (&raw const (*report).sequence).read_volatile() } != sequence {
+                    return Err(Error::Device("a step ended without its report".into()));
+                }
             }
             std::hint::spin_loop();
         }
@@ -382,7 +395,7 @@ impl Solver for CudaSolver {
             gravity: [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32),
             sequence,
             tool_count: contact.tools,
-            margin: self.contact.margin(plan.tools, self.speed, duration) as f32,
+            margin: self.contact.margin(plan.tools, self.speed, plan.gravity.norm(), duration) as f32,
             duration: duration as f32,
             push_limit: self.contact.push_limit() as f32,
             may_jump: u32::from(self.contact.may_jump(plan.tools, self.speed, plan.dt)),
@@ -408,7 +421,7 @@ impl Solver for CudaSolver {
         if has_diverged {
             self.state.v.iter().try_for_each(Buffer::clear)?;
         }
-        self.dropped = u64::from(report.dropped_points);
+        self.dropped = self.dropped_before + u64::from(report.dropped_points);
         Ok(StepReport {
             substeps: taken,
             has_diverged,
@@ -462,6 +475,7 @@ impl Solver for CudaSolver {
             let at = number(slot as usize, axis);
             let _ = self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32]));
         }
+        self.speed = self.speed.max(velocity.norm());
         self.mirror.replace(None);
     }
 
@@ -486,6 +500,14 @@ impl Solver for CudaSolver {
 
     fn node_bytes(&self) -> u64 {
         self.state.bytes()
+    }
+}
+
+impl Drop for CudaSolver {
+    fn drop(&mut self) {
+        // The last step's work may still be ending, and recorded steps name what is freed after this.
+        let _ = self.stream.wait();
+        self.graphs.clear();
     }
 }
 

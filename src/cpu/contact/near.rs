@@ -44,10 +44,11 @@ pub struct Near {
     lever: f64,
 }
 
-/// Triangles that hang on one brick.
+/// Triangles whose corners hang on the same bricks.
 #[derive(Clone, Copy, Debug)]
 struct Group {
-    brick: u32,
+    /// Ascending; a triangle may reach over several.
+    bricks: [u32; 3],
     start: u32,
     end: u32,
     bounds: Bounds,
@@ -87,17 +88,21 @@ impl Bounds {
 impl Near {
     /// An empty list of a surface of cells with edge length `h`.
     pub fn new(surface: &Surface, h: f64) -> Self {
-        let brick_of = |t: &[u32; 3]| surface.rows[t[0] as usize].nodes[0] / BRICK_SLOTS as u32;
+        let bricks_of = |t: &[u32; 3]| {
+            let mut bricks = t.map(|v| surface.rows[v as usize].nodes[0] / BRICK_SLOTS as u32);
+            bricks.sort_unstable();
+            bricks
+        };
         let mut grouped: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-        grouped.sort_by_key(|&t| (brick_of(&surface.triangles[t as usize]), t));
+        grouped.sort_by_key(|&t| (bricks_of(&surface.triangles[t as usize]), t));
 
         let mut groups: Vec<Group> = Vec::new();
         for (at, &t) in grouped.iter().enumerate() {
             let corners = surface.triangles[t as usize];
-            let brick = brick_of(&corners);
-            if groups.last().is_none_or(|group| group.brick != brick) {
+            let bricks = bricks_of(&corners);
+            if groups.last().is_none_or(|group| group.bricks != bricks) {
                 let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-                groups.push(Group { brick, start: at as u32, end: at as u32, bounds: Bounds { low, high } });
+                groups.push(Group { bricks, start: at as u32, end: at as u32, bounds: Bounds { low, high } });
             }
             let group = groups.last_mut().expect("a group was just pushed if there was none");
             group.end = at as u32 + 1;
@@ -180,7 +185,7 @@ impl Near {
         };
         let is_near = |bounds: &Bounds, slack: f64| boxes.iter().any(|tool| tool.meets(bounds, slack));
         for group in groups.iter() {
-            if !is_near(&group.bounds, moved(group.brick) * *lever) {
+            if !is_near(&group.bounds, group.bricks.map(&moved).into_iter().fold(0.0, f64::max) * *lever) {
                 continue;
             }
             for &triangle in &grouped[group.start as usize..group.end as usize] {

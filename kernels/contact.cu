@@ -114,6 +114,8 @@ extern "C" __global__ void contact_near(const __grid_constant__ Contact c, const
 
 // Lists the marked vertices in their order, and the nodes that carry them.
 extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
+    __shared__ uint32_t nodes;
+    if (threadIdx.x == 0) nodes = 0;
     const uint32_t words = (c.vertices + 31) / 32;
     uint32_t count = 0;
     for (uint32_t first = 0; first < words; first += LIST_THREADS) {
@@ -125,10 +127,8 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
         }
         count += total;
     }
-    __shared__ uint32_t nodes;
     const uint32_t stamp = pass.step->sequence;
     if (threadIdx.x == 0) {
-        nodes = 0;
         if (count > MAX_NEAR) c.counts[DROPPED] += count - MAX_NEAR;
         c.counts[NEAR] = count = min(count, uint32_t(MAX_NEAR));
     }

@@ -8,7 +8,6 @@ use super::memory::{Buffer, Stream};
 use super::pointer;
 use crate::error::Result;
 use crate::model::Model;
-use crate::model::lattice::BRICK_SLOTS;
 use crate::model::surface::ROW;
 use crate::solver::{SurfaceArrays, SurfaceField};
 
@@ -87,7 +86,6 @@ impl SurfaceOnDevice {
         field: SurfaceField,
         arrays: &mut SurfaceArrays,
     ) -> Result<()> {
-        debug_assert_eq!(BRICK_SLOTS, 128, "slots index displacements directly");
         let mut surface = layout::Surface {
             vertices: self.vertices,
             strain: u32::from(field == SurfaceField::Strain),

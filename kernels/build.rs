@@ -10,9 +10,9 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become one image.
-const IMAGES: [&str; 4] = ["lattice", "contact", "surface", "report"];
+const IMAGES: [&str; 5] = ["lattice", "near", "contact", "surface", "report"];
 /// What they include.
-const HEADERS: [&str; 3] = ["contact.cuh", "law.cuh", "layout.cuh"];
+const HEADERS: [&str; 4] = ["block.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
 /// The compiler that made the images in `kernels/prebuilt`.
 const NVCC: &str = "13.0.88";
 /// Machine code for common GPUs, and PTX that newer ones compile for themselves. Approximate roots and quotients, and denormal

@@ -1,27 +1,49 @@
-// Contact of tools with the tissue's surface, by projection; see src/cpu/contact.rs for what it means.
+// Contact of tools with the tissue's surface, by projection; see src/cpu/contact/mod.rs for what it means.
 //
-// Once a step, the vertices that tools may meet are listed. After every substep one block finds those inside a tool and the impulses that put them
-// back: a projected gradient with momentum that starts from the last substep's. Points give to nodes and nodes to points by gathering along fixed lists, and every
-// sum has a fixed order.
+// After every substep one block finds the sites inside tools and the impulses that put them back: a projected gradient with momentum that starts from
+// the last substep's impulses. Every sum has a fixed order.
+//
+// The block is all latency: of loads that wait for each other, and of code, which has to be fetched while it runs for the first time. So loads come
+// early and together, loops stay loops, and nothing is written twice. Where points are few, which is usual, a group of eight threads cares for a site, and
+// what impulses do to each other's sites, worked out when sites were listed (near.cu), stays in registers.
+#include "block.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
 
+// Where and when a projection takes place.
+struct Moment {
+    // The fraction of the step at its start and end.
+    float from, to;
+    // Whether it is the first of the step; whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
+    uint32_t is_first, tissue_moves, is_last;
+};
+
 namespace contact_kernel {
 
-// Threads of the one block that lists, and of the one that resolves: contact is small, and fewer warps meet sooner.
-constexpr int LIST_THREADS = 1024;
-constexpr int THREADS = 256;
-constexpr int WARPS = THREADS / 32;
-// Iterations for the impulses.
+constexpr int THREADS = 512, WARPS = THREADS / 32;
+// Threads that care for a site, and sites that are cared for at once.
+constexpr int LANES = 8, GROUPS = THREADS / LANES;
+// Couplings that a thread keeps in registers.
+constexpr int HELD = MAX_COUPLED / LANES;
+// Most iterations for the impulses. One is the last when it changes none by more than this share of the largest.
 constexpr int ITERATIONS = 8;
+constexpr float CONVERGED = 1e-4f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
-constexpr uint32_t NONE = ~0u;
-
-// Places in Contact::counts.
-enum Count { NEAR, NODES, DROPPED, POINTS, TAG, PUSHED };
+// Most points of one site: more tools than that do not meet in one place.
+constexpr uint32_t MOST_OF_SITE = 7;
+constexpr uint16_t NOT_ACTIVE = 0xffff;
 
 __device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
+__device__ Vec vec(const float4& v) { return {v.x, v.y, v.z}; }
+__device__ float4 with(const Vec& v, float w) { return make_float4(v.x, v.y, v.z, w); }
+
+// Sums over the eight threads of a group.
+__device__ float group_sum(float x) {
+    for (int step = 1; step < LANES; step *= 2) x += __shfl_xor_sync(~0u, x, step);
+    return x;
+}
+__device__ Vec group_sum(const Vec& v) { return {group_sum(v.x), group_sum(v.y), group_sum(v.z)}; }
 
 // A tool at an instant of the step.
 struct View {
@@ -37,471 +59,495 @@ __device__ View view_of(const ToolStep& tool, float t) {
 }
 
 // A rest position seen from a tool's origin: large numbers subtract in double precision.
-__device__ Vec from_tool(const float* rest, const View& view) {
-    return {float(double(rest[0]) - view.at[0]), float(double(rest[1]) - view.at[1]), float(double(rest[2]) - view.at[2])};
+__device__ Vec from_tool(const Vec& rest, const View& view) {
+    return {float(double(rest.x) - view.at[0]), float(double(rest.y) - view.at[1]), float(double(rest.z) - view.at[2])};
 }
 
-// The nodes that carry a vertex.
-struct NodeRow {
-    uint32_t node[8];
-    float weight[8];
-};
-
-__device__ NodeRow row_of(const Contact& c, uint32_t vertex) {
-    const uint4 a = c.row_nodes[2 * vertex], b = c.row_nodes[2 * vertex + 1];
-    const float4 p = c.row_weights[2 * vertex], q = c.row_weights[2 * vertex + 1];
-    return {{a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w}, {p.x, p.y, p.z, p.w, q.x, q.y, q.z, q.w}};
-}
-
-__device__ Vec displacement(const Contact& c, const float4* u, uint32_t vertex) {
-    const NodeRow row = row_of(c, vertex);
-    Vec sum{0, 0, 0};
-    for (int i = 0; i < 8; ++i) {
-        const float4 d = u[row.node[i]];
-        sum = sum + Vec{d.x, d.y, d.z} * row.weight[i];
-    }
-    return sum;
+// How fast a tool moves at `at`, seen from its origin.
+__device__ Vec velocity_of(const ToolStep& tool, const Vec& at, float duration) {
+    const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
+    return (linear + cross(vec(tool.turn), at)) * (1.0f / duration);
 }
 
 // Place of a slot's velocity along x; y and z follow at distances of BRICK_NODES.
 __device__ size_t velocity_at(uint32_t slot) { return size_t(slot / BRICK_NODES) * (3 * BRICK_NODES) + slot % BRICK_NODES; }
 
-// Exclusive sum over the block; `total` is that of all. Every thread calls it.
-template <int WARPS>
-__device__ uint32_t scan(uint32_t mine, uint32_t& total) {
-    __shared__ uint32_t of_warp[WARPS];
-    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32;
-    uint32_t sum = mine;
-    for (int step = 1; step < 32; step *= 2) {
-        const uint32_t below = __shfl_up_sync(~0u, sum, step);
-        if (lane >= step) sum += below;
-    }
-    __syncthreads();
-    if (lane == 31) of_warp[warp] = sum;
-    __syncthreads();
-    uint32_t before = 0;
-    total = 0;
-    for (int w = 0; w < WARPS; ++w) {
-        if (w < warp) before += of_warp[w];
-        total += of_warp[w];
-    }
-    return before + sum - mine;
-}
-
-}  // namespace contact_kernel
-using namespace contact_kernel;
-
-// Marks the vertices that a tool may meet in the coming step.
-extern "C" __global__ void contact_near(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
-    const uint32_t vertex = blockIdx.x * blockDim.x + threadIdx.x;
-    bool near = false;
-    if (vertex < c.vertices) {
-        const Step& step = *pass.step;
-        const float* rest = c.rest + 3 * vertex;
-        const Vec d = displacement(c, pass.u, vertex);
-        for (uint32_t t = 0; t < step.tool_count; ++t) {
-            const ToolStep& tool = step.tools[t];
-            // From the nearest point of the way.
-            const Vec way{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
-            const Vec at = Vec{float(double(rest[0]) - tool.from[0]), float(double(rest[1]) - tool.from[1]), float(double(rest[2]) - tool.from[2])} + d;
-            const float along = dot(way, way) > 0.0f ? clamp(dot(at, way) / dot(way, way), 0.0f, 1.0f) : 0.0f;
-            near = near || norm(at - way * along) < tool.radius + step.margin;
-        }
-    }
-    const uint32_t bits = __ballot_sync(~0u, near);
-    if ((threadIdx.x & 31) == 0 && vertex < c.vertices) c.near_bits[vertex / 32] = bits;
-}
-
-// Lists the marked vertices in their order, and the nodes that carry them.
-extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
-    __shared__ uint32_t nodes;
-    if (threadIdx.x == 0) nodes = 0;
-    const uint32_t words = (c.vertices + 31) / 32;
-    uint32_t count = 0;
-    for (uint32_t first = 0; first < words; first += LIST_THREADS) {
-        const uint32_t word = first + threadIdx.x;
-        uint32_t bits = word < words ? c.near_bits[word] : 0, total;
-        uint32_t at = count + scan<LIST_THREADS / 32>(__popc(bits), total);
-        for (; bits; bits &= bits - 1, ++at) {
-            if (at < MAX_NEAR) c.near[at] = word * 32 + __ffs(bits) - 1;
-        }
-        count += total;
-    }
-    const uint32_t stamp = pass.step->sequence;
-    if (threadIdx.x == 0) {
-        if (count > MAX_NEAR) c.counts[DROPPED] += count - MAX_NEAR;
-        c.counts[NEAR] = count = min(count, uint32_t(MAX_NEAR));
-    }
-    __syncthreads();
-    count = c.counts[NEAR];
-    for (uint32_t i = threadIdx.x; i < 8 * count; i += LIST_THREADS) {
-        const uint32_t slot = reinterpret_cast<const uint32_t*>(c.row_nodes)[8 * c.near[i / 8] + i % 8];
-        if (atomicExch(&c.node_stamp[slot], stamp) == stamp) continue;
-        const uint32_t node = atomicAdd(&nodes, 1);
-        c.node_of[slot] = node;
-        c.nodes[node] = slot;
-        c.node_tag[node] = 0;
-        const uint32_t word = __float_as_uint(pass.u[slot].w);
-        float mass = 0.0f;
-        for (int corner = 0; corner < 8; ++corner) mass += pass.laws[word >> (4 * corner) & 15].corner;
-        const float inverse = mass > 0.0f ? 1.0f / mass : 0.0f;
-        const uint32_t flags = pass.flags[slot];
-        c.mobility[node] = make_float4(flags & 1 ? 0.0f : inverse, flags & 2 ? 0.0f : inverse, flags & 4 ? 0.0f : inverse, inverse);
-    }
-    __syncthreads();
-    if (threadIdx.x == 0) c.counts[NODES] = nodes;
-    // Tools start the step with nothing.
-    for (uint32_t i = threadIdx.x; i < pass.step->tool_count; i += LIST_THREADS) c.sums[i] = ToolSum{};
-}
-
-// Where and when a projection takes place.
-struct Moment {
-    // The fraction of the step at its start and end.
-    float from, to;
-    // Whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
-    uint32_t tissue_moves, is_last;
+// A site and a tool.
+struct Probe {
+    Vec at;
+    // How far the site came in this move, seen from the tool.
+    float travel;
+    Distance met;
 };
 
-namespace contact_kernel {
+__device__ __forceinline__ Probe probe(const Contact& c, const ToolStep& tool, const View& now, const View& before, const Vec& rest, const Vec& moved,
+                                       const Vec& came) {
+    Probe p{from_tool(rest, now) + moved, 0.0f, {1.0f, {0, 0, 1}}};
+    const Vec local = rotate(conjugate(now.turn), p.at);
+    const Vec start = rotate(conjugate(before.turn), from_tool(rest, before) + came);
+    p.travel = norm(local - start);
+    const float strides = p.travel / tool.spacing;
+    if (strides > 1.0f || dot(p.at, p.at) < tool.radius * tool.radius) p.met = meet(c.parts + tool.part, tool.part_count, start, local, strides);
+    return p;
+}
 
-// What iterations exchange: a point's impulse, and what it makes of the velocity of the nodes.
-struct Exchange {
-    float4* impulse;  // [max_points]
-    float4* change;   // [max_touched]
-    // Before the first change is known: how many points a node carries, and where the next one is put.
-    __device__ uint32_t* length(uint32_t j) const { return reinterpret_cast<uint32_t*>(&change[j].x); }
-    __device__ uint32_t* place(uint32_t j) const { return reinterpret_cast<uint32_t*>(&change[j].y); }
-};
-
-// The points of one time.
+// Points of one time: in global memory, or as far as iterations need them in shared memory.
 struct Points {
-    float* field;
-    __device__ float& at(int f, uint32_t k) const { return field[f * MAX_POINTS + k]; }
-    __device__ uint32_t& word(int f, uint32_t k) const { return reinterpret_cast<uint32_t*>(field)[f * MAX_POINTS + k]; }
-    __device__ Vec vec(int f, uint32_t k) const { return {at(f, k), at(f + 1, k), at(f + 2, k)}; }
-    __device__ void put(int f, uint32_t k, Vec v) const { at(f, k) = v.x, at(f + 1, k) = v.y, at(f + 2, k) = v.z; }
+    float4* field;
+    uint32_t stride;
+    __device__ float4& at(int f, uint32_t k) const { return field[f * stride + k]; }
 };
 
-// The point of a tool on a vertex at a time that `tag` names, if there is one.
-__device__ uint32_t find_point(const Contact& c, Points points, uint32_t vertex, uint32_t tag, uint32_t tool) {
-    if (c.head_tag[vertex] != tag) return NONE;
-    uint32_t at = c.head[vertex];
-    while (at != NONE && points.word(TOOL, at) != tool) at = points.word(NEXT, at);
-    return at;
+// An impulse on the tissue: along the normal, and across it.
+struct Impulse {
+    float push;
+    Vec drag;
+};
+
+// What iterations know of a point.
+struct Known {
+    Vec normal;
+    // See PointField.
+    float target;
+    Vec before;
+    float mass, friction;
+    __device__ bool is_movable() const { return target > 0.0f; }
+};
+
+// One iteration of a point on a site whose velocity all impulses change by `change`. Carries the impulse on by momentum; `last` is what it was found to
+// be. Gives how much that changed.
+__device__ __forceinline__ float improve(const Known& k, const Vec& change, float momentum, Impulse& now, Impulse& last) {
+    // Along the normal: the rest of the depth, by pushing alone.
+    const float push = fmaxf(now.push + k.mass * (k.target - dot(change, k.normal)), 0.0f);
+    // Across it: with the tool, inside Coulomb's cone.
+    Vec slip = k.before + change;
+    slip = slip - k.normal * dot(slip, k.normal);
+    Vec drag = now.drag - slip * k.mass;
+    const float cone = k.friction * push, size2 = dot(drag, drag);
+    if (size2 > cone * cone) drag = drag * (cone * rsqrtf(size2));
+    const float along = push - last.push;
+    const Vec across = drag - last.drag;
+    now = {push + along * momentum, drag + across * momentum};
+    last = {push, drag};
+    return fmaxf(fabsf(along), fmaxf(fabsf(across.x), fmaxf(fabsf(across.y), fabsf(across.z))));
 }
 
-// Appends a point to its vertex's list. One thread cares for a vertex, tool after tool.
-__device__ void link(const Contact& c, Points points, uint32_t vertex, uint32_t tag, uint32_t point) {
-    if (c.head_tag[vertex] != tag) {
-        c.head_tag[vertex] = tag;
-        c.head[vertex] = point;
-        return;
+// How far impulses are carried on in the direction of an iteration's change.
+__device__ float momentum_of(int iteration) { return float(iteration) / float(iteration + 3); }
+
+// The dynamic shared memory.
+struct Room {
+    // Impulses on active sites, of two iterations in turn.
+    float4* impulse[2];
+    // Which site an active one is, its first point; and which active one a site is.
+    uint16_t *site, *first, *active;
+    __device__ Room(float4* at, uint32_t points)
+        : impulse{at, at + points}, site(reinterpret_cast<uint16_t*>(at + 2 * points)), first(site + points), active(first + points + 8) {}
+};
+
+// What a block works on.
+struct Work {
+    const Contact& c;
+    const Pass& pass;
+    const Step& step;
+    const Room room;
+    // Points of now, and of the last time.
+    const Points points, old;
+    uint32_t tag, active;
+    // The largest impulse of the last time's, as bits; and the points that a site had then, for few.
+    uint32_t* largest;
+    const uint2* touched;
+};
+
+__device__ Vec velocity_of(const Work& w, uint32_t slot) {
+    const size_t at = velocity_at(slot);
+    return {w.pass.v_next[at], w.pass.v_next[at + BRICK_NODES], w.pass.v_next[at + 2 * BRICK_NODES]};
+}
+
+// The last time's impulse of a point's tool on its site.
+__device__ __forceinline__ Impulse guess_of(const Work& w, const uint2& touch, uint32_t k) {
+    const float4 normal = w.points.at(NORMAL, k);
+    if (normal.w <= 0.0f) return {-normal.w, {0, 0, 0}};
+    Impulse guess{0.0f, {0, 0, 0}};
+#pragma unroll 1
+    for (uint32_t was = touch.y & 0xffff, end = was + (touch.y >> 16); touch.x == w.tag - 1 && was < end; ++was) {
+        const float4 impulse = w.old.at(IMPULSE, was);
+        if (__float_as_uint(w.old.at(NAMES, was).x) != __float_as_uint(w.points.at(NAMES, k).x)) continue;
+        guess = {fmaxf(impulse.w, 0.0f), vec(impulse) - vec(normal) * dot(vec(impulse), vec(normal))};
     }
-    uint32_t at = c.head[vertex];
-    while (points.word(NEXT, at) != NONE) at = points.word(NEXT, at);
-    points.word(NEXT, at) = point;
+    return guess;
 }
 
-// Changes of the nodes' velocities by the points' impulses.
-__device__ void give_to_nodes(const Contact& c, const Exchange& s, uint32_t nodes) {
-    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
-        const float4 mobility = c.touched_mobility[j];
-        Vec sum{0, 0, 0};
-        const uint32_t end = c.entry_start[j + 1];
-        // Four at a time, so that their loads do not wait for each other; what is not there weighs nothing.
-        for (uint32_t e = c.entry_start[j]; e < end; e += 4) {
-            uint2 entry[4];
-            float4 impulse[4];
+// What is known of a point on a site that moves with `velocity` and that all points together move by 1 / `mass` at most.
+__device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float mass) {
+    const float4 normal = w.points.at(NORMAL, k);
+    const ToolStep& tool = w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)];
+    return {vec(normal), normal.w, velocity - velocity_of(tool, vec(w.points.at(AT, k)), w.step.duration), mass, tool.friction};
+}
+
+// The impulse on a site of one point.
+__device__ Vec impulse_of(const Known& known, const Impulse& j) { return known.is_movable() ? known.normal * j.push + j.drag : Vec{0, 0, 0}; }
+
+// Whether a carrier's first active site is `a`: who cares for that one cares for the carrier as well.
+__device__ bool is_first(const Work& w, const Carrier& carrier, uint32_t a) {
+    uint32_t e = carrier.start, other = NOT_ACTIVE;
+#pragma unroll 1
+    for (; other == NOT_ACTIVE; ++e) other = w.room.active[w.c.loads[e].site];
+    return other == a;
+}
+
+// The sum of all impulses on a carrier.
+__device__ __forceinline__ Vec load_of(const Work& w, const Carrier& carrier, const float4* impulses) {
+    Vec sum{0, 0, 0};
+#pragma unroll 4
+    for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
+        const Load load = w.c.loads[e];
+        const uint32_t other = w.room.active[load.site];
+        if (other != NOT_ACTIVE) sum = sum + vec(impulses[other]) * load.weight;
+    }
+    return sum;
+}
+
+__device__ Vec scaled(const float4& m, const Vec& v) { return {v.x * m.x, v.y * m.y, v.z * m.z}; }
+
+// Writes a carrier's velocity and displacement, `change` after what they were.
+__device__ void kick(const Work& w, uint32_t slot, const Vec& v, const float4& u, const Vec& change) {
+    const size_t at = velocity_at(slot);
+    const float dt = w.step.dt;
+    w.pass.v_next[at] = v.x + change.x;
+    w.pass.v_next[at + BRICK_NODES] = v.y + change.y;
+    w.pass.v_next[at + 2 * BRICK_NODES] = v.z + change.z;
+    w.pass.u_next[slot] = make_float4(u.x + change.x * dt, u.y + change.y * dt, u.z + change.z * dt, u.w);
+}
+
+// Vertices, no more of them active than there are groups, each with one point: a group keeps its site in registers, and each of its threads a node.
+__device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
+    const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
+    // Groups of a warp stay together; those without a site repeat another's work and keep it to themselves.
+    const bool is_busy = (group & ~3u) < w.active, is_mine = group < w.active;
+    const uint32_t a = min(group, w.active - 1), site = w.room.site[a], at = lane * MAX_SITES + site;
+    uint32_t others[HELD], widest = 0;
+    Vec by[HELD];
+    Known known;
+    Impulse now, last;
+    Carrier carrier;
+    Vec v;
+    float4 u, mobility;
+    bool is_carried = false;
+    if (is_busy) {
+        const uint32_t slot = w.c.site_slots[at], on = w.c.site_carriers[at];
+        const float weight = w.c.site_weights[at];
+        v = velocity_of(w, slot);
+        u = w.pass.u_next[slot];
+        is_carried = on != ~0u;
+        carrier = w.c.carriers[is_carried ? on : 0];
+        mobility = w.c.mobility[is_carried ? on : 0];
+        float reach = 0.0f;
 #pragma unroll
-            for (int i = 0; i < 4; ++i) entry[i] = e + i < end ? c.entries[e + i] : make_uint2(0, 0);
-#pragma unroll
-            for (int i = 0; i < 4; ++i) impulse[i] = s.impulse[entry[i].x];
-#pragma unroll
-            for (int i = 0; i < 4; ++i) sum = sum + Vec{impulse[i].x, impulse[i].y, impulse[i].z} * __uint_as_float(entry[i].y);
+        for (int i = 0; i < HELD; ++i) {
+            const float4 coupling = w.c.couplings[site * MAX_COUPLED + i * LANES + lane];
+            const uint32_t other = w.room.active[__float_as_uint(coupling.w)];
+            const bool is_there = other != NOT_ACTIVE && coupling.x + coupling.y + coupling.z != 0.0f;
+            others[i] = is_there ? other : 0;
+            by[i] = is_there ? vec(coupling) : Vec{0, 0, 0};
+            reach += fmaxf(fabsf(by[i].x), fmaxf(fabsf(by[i].y), fabsf(by[i].z)));
+            if (__any_sync(~0u, is_there)) widest = i + 1;
         }
-        s.change[j] = make_float4(sum.x * mobility.x, sum.y * mobility.y, sum.z * mobility.z, 0.0f);
+        now = last = guess_of(w, w.touched[a], a);
+        known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
+        if (lane == 0 && is_mine) {
+            w.room.impulse[0][a] = with(impulse_of(known, now), 0.0f);
+            atomicMax(w.largest, __float_as_uint(now.push));
+        }
+        // Who writes which node: to be known when impulses are.
+        is_carried = is_carried && is_mine && is_first(w, carrier, a);
     }
-}
-
-}  // namespace contact_kernel
-
-extern "C" __global__ void __launch_bounds__(THREADS)
-    contact_resolve(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
-    extern __shared__ float4 exchanged[];
-    const Exchange s{exchanged, exchanged + c.max_points};
-    if (*pass.diverged_at <= pass.substep) return;
-    const uint32_t near_count = c.counts[NEAR];
-    const Step& step = *pass.step;
-    const uint32_t tools = step.tool_count;
-    __shared__ View now[MAX_TOOLS], before[MAX_TOOLS];
-    __shared__ uint32_t touched;
-    if (threadIdx.x < tools) {
-        now[threadIdx.x] = view_of(step.tools[threadIdx.x], moment.to);
-        before[threadIdx.x] = view_of(step.tools[threadIdx.x], moment.from);
-    }
-    if (threadIdx.x == 0) touched = 0;
     __syncthreads();
-    const uint32_t tag = c.counts[TAG] + 1;
-    // Points live twice: those of now, and those of the last time.
-    const Points points{c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS};
-    const Points last_points{c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS};
-
-    // Find the points inside tools, in the order of tools and vertices.
-    uint32_t count = 0;
-    for (uint32_t t = 0; t < tools; ++t) {
-        const ToolStep& tool = step.tools[t];
-        for (uint32_t first = 0; first < near_count; first += THREADS) {
-            const uint32_t near = first + threadIdx.x;
-            Distance met{1.0f, {0, 0, 1}};
-            Vec at{0, 0, 0}, normal{0, 0, 1};
-            float travel = 0.0f;
-            uint32_t vertex = 0;
-            if (near < near_count) {
-                vertex = c.near[near];
-                const float* rest = c.rest + 3 * vertex;
-                const Vec moved = displacement(c, pass.u_next, vertex);
-                at = from_tool(rest, now[t]) + moved;
-                const Vec local = rotate(conjugate(now[t].turn), at);
-                // Where it came from, as the tool sees it; that matters only if it may have come far.
-                const Vec came = moment.tissue_moves && step.may_jump ? displacement(c, pass.u, vertex) : moved;
-                const Vec start = rotate(conjugate(before[t].turn), from_tool(rest, before[t]) + came);
-                travel = norm(local - start);
-                if (travel > tool.spacing) {
-                    met = meet(c.parts + tool.part, tool.part_count, start, local, travel / tool.spacing);
-                } else if (dot(at, at) < tool.radius * tool.radius) {
-                    met = tool_distance(c.parts + tool.part, tool.part_count, local);
-                }
-                normal = rotate(now[t].turn, met.normal);
-            }
-            const bool inside = met.distance < 0.0f;
-            uint32_t total;
-            const uint32_t place = count + scan<WARPS>(inside, total);
-            count = min(count + total, c.max_points);
-            if (inside && place >= c.max_points) atomicAdd(&c.counts[DROPPED], 1);
-            if (!inside || place >= c.max_points) continue;
-
-            points.word(VERTEX, place) = vertex;
-            points.word(TOOL, place) = t;
-            points.word(NEXT, place) = NONE;
-            points.put(AT, place, at);
-            points.put(NORMAL, place, normal);
-            points.at(DEPTH, place) = -met.distance;
-            const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
-            const Vec tool_velocity = (linear + cross(vec(tool.turn), at)) * (1.0f / step.duration);
-            points.put(TOOL_VELOCITY, place, tool_velocity);
-            const NodeRow row = row_of(c, vertex);
-            Vec velocity{0, 0, 0};
-            float free = 0.0f, all = 0.0f, fastest = 0.0f;
-            uint32_t node_at[8], old_tag[8];
+    const float small = CONVERGED * __uint_as_float(*w.largest);
+    int iteration = 0;
+    bool is_done = false;
+#pragma unroll 1
+    for (; !is_done; ++iteration) {
+        float changed = 0.0f;
+        if (is_busy) {
+            const float4* const from = w.room.impulse[iteration & 1];
+            Vec change{0, 0, 0};
 #pragma unroll
-            for (int i = 0; i < 8; ++i) {
-                const uint32_t node = c.node_of[row.node[i]];
-                const float w = row.weight[i];
-                const size_t v = velocity_at(row.node[i]);
-                velocity = velocity + Vec{pass.v_next[v], pass.v_next[v + BRICK_NODES], pass.v_next[v + 2 * BRICK_NODES]} * w;
-                const float4 m = c.mobility[node];
-                free += w * w * (m.x * normal.x * normal.x + m.y * normal.y * normal.y + m.z * normal.z * normal.z);
-                all += w * w * m.w;
-                fastest = fmaxf(fastest, fabsf(w) * fmaxf(m.x, fmaxf(m.y, m.z)));
-                points.at(WEIGHTS + i, place) = w;
-                points.word(NODE + i, place) = node;
-                node_at[i] = node;
-                old_tag[i] = w != 0.0f ? atomicExch(&c.node_tag[node], tag) : tag;
+            for (int i = 0; i < HELD; ++i) {
+                if (i >= widest) break;
+                const float4 j = from[others[i]];
+                change = change + Vec{by[i].x * j.x, by[i].y * j.y, by[i].z * j.z};
             }
-            // The nodes that carry points, each once.
-            for (int i = 0; i < 8; ++i) {
-                if (old_tag[i] == tag) continue;
-                const uint32_t j = atomicAdd(&touched, 1);
-                if (j < c.max_touched) c.touched[j] = node_at[i];
-                c.touched_at[node_at[i]] = j < c.max_touched ? j : NONE;
+            change = group_sum(change);
+            if (known.is_movable()) changed = improve(known, change, momentum_of(iteration), now, last);
+            if (lane == 0 && is_mine) w.room.impulse[~iteration & 1][a] = with(impulse_of(known, now), 0.0f);
+        }
+        is_done = !__syncthreads_or(changed > small) || iteration + 1 == ITERATIONS;
+    }
+    // What was found, without momentum.
+    if (lane == 0 && is_mine) {
+        w.room.impulse[iteration & 1][a] = with(impulse_of(known, last), 0.0f);
+        w.points.at(IMPULSE, a) = all.at(IMPULSE, a) = with(last.drag, last.push);
+    }
+    __syncthreads();
+    if (is_carried) kick(w, carrier.slot, v, u, scaled(mobility, load_of(w, carrier, w.room.impulse[iteration & 1])));
+}
+
+// Any number of points: impulses go to the nodes, and from the nodes to the sites.
+template <int ROW>
+__device__ __forceinline__ void resolve_many(const Work& w) {
+    __shared__ uint32_t moved;
+    if (threadIdx.x == 0) moved = 0;
+    __syncthreads();
+    // The carriers, each once; for now with how much unit impulses on all sites move them at most.
+#pragma unroll 1
+    for (uint32_t job = threadIdx.x; job < w.active * ROW; job += THREADS) {
+        const uint32_t a = job / ROW, on = w.c.site_carriers[job % ROW * MAX_SITES + w.room.site[a]];
+        if (on == ~0u) continue;
+        const Carrier carrier = w.c.carriers[on];
+        if (!is_first(w, carrier, a)) continue;
+        w.c.moved[atomicAdd(&moved, 1)] = on;
+        float reach = 0.0f;
+#pragma unroll 4
+        for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
+            const Load load = w.c.loads[e];
+            if (w.room.active[load.site] != NOT_ACTIVE) reach += fabsf(load.weight);
+        }
+        const float4 m = w.c.mobility[on];
+        w.c.changes[on] = make_float4(0, 0, 0, reach * fmaxf(m.x, fmaxf(m.y, m.z)));
+    }
+    __syncthreads();
+#pragma unroll 1
+    for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
+        const uint32_t site = w.room.site[a];
+        const uint2 touch = w.c.touches[(~w.tag & 1) * MAX_SITES + site];
+        Vec velocity{0, 0, 0}, sum{0, 0, 0};
+        float reach = 0.0f;
+#pragma unroll 4
+        for (int i = 0; i < ROW; ++i) {
+            const float weight = w.c.site_weights[i * MAX_SITES + site];
+            if (weight == 0.0f) continue;
+            velocity = velocity + velocity_of(w, w.c.site_slots[i * MAX_SITES + site]) * weight;
+            reach += fabsf(weight) * w.c.changes[w.c.site_carriers[i * MAX_SITES + site]].w;
+        }
+        for (uint32_t k = w.room.first[a]; k < w.room.first[a + 1]; ++k) {
+            const Impulse guess = guess_of(w, touch, k);
+            const Known known = known_of(w, k, velocity, 1.0f / reach);
+            w.points.at(BEFORE, k) = with(known.before, known.mass);
+            w.points.at(IMPULSE, k) = w.points.at(LAST, k) = with(guess.drag, guess.push);
+            sum = sum + impulse_of(known, guess);
+            atomicMax(w.largest, __float_as_uint(guess.push));
+        }
+        w.room.impulse[0][a] = with(sum, 0.0f);
+    }
+    __syncthreads();
+    const float small = CONVERGED * __uint_as_float(*w.largest);
+    bool is_last = false, is_done = false;
+#pragma unroll 1
+    for (int iteration = 0;; ++iteration) {
+#pragma unroll 1
+        for (uint32_t n = threadIdx.x; n < moved; n += THREADS) {
+            const uint32_t on = w.c.moved[n];
+            const Carrier carrier = w.c.carriers[on];
+            const Vec change = scaled(w.c.mobility[on], load_of(w, carrier, w.room.impulse[0]));
+            w.c.changes[on] = with(change, 0.0f);
+            if (is_done) kick(w, carrier.slot, velocity_of(w, carrier.slot), w.pass.u_next[carrier.slot], change);
+        }
+        if (is_done) return;
+        __syncthreads();
+        float changed = 0.0f;
+#pragma unroll 1
+        for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
+            const uint32_t site = w.room.site[a];
+            Vec change{0, 0, 0}, sum{0, 0, 0};
+#pragma unroll 4
+            for (int i = 0; i < ROW; ++i) {
+                const uint32_t on = w.c.site_carriers[i * MAX_SITES + site];
+                if (on != ~0u) change = change + vec(w.c.changes[on]) * w.c.site_weights[i * MAX_SITES + site];
             }
-            const bool movable = free > MOVABLE * all;
-            const float mass = 1.0f / (movable ? free : all);
-            const float lever = 1.0f / fmaxf(1.0f, fastest * mass);
-            points.word(IS_MOVABLE, place) = movable;
-            points.at(TARGET, place) = fminf(-met.distance, (step.push_limit + travel) * lever) / step.dt;
-            points.put(BEFORE, place, velocity - tool_velocity);
-            // What cannot move stays inside the tool: of several moves in a substep the last alone counts.
-            float push = movable || !moment.is_last ? 0.0f : mass * -met.distance / step.dt;
-            Vec drag{0, 0, 0};
-            // The last substep's impulses are a good guess.
-            const uint32_t was = find_point(c, last_points, vertex, tag - 1, t);
-            if (movable && was != NONE) {
-                push = last_points.at(PUSH, was);
-                drag = last_points.vec(DRAG, was);
-                drag = drag - normal * dot(drag, normal);
+            for (uint32_t k = w.room.first[a]; k < w.room.first[a + 1]; ++k) {
+                const float4 normal = w.points.at(NORMAL, k), seen = w.points.at(BEFORE, k), j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k);
+                const Known known{vec(normal), normal.w, vec(seen), seen.w, w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
+                if (!known.is_movable()) continue;
+                Impulse now{j.w, vec(j)}, last{l.w, vec(l)};
+                // The last one's impulses are what was found, without momentum.
+                changed = fmaxf(changed, improve(known, change, is_last ? 0.0f : momentum_of(iteration), now, last));
+                w.points.at(IMPULSE, k) = with(now.drag, now.push);
+                w.points.at(LAST, k) = with(last.drag, last.push);
+                sum = sum + impulse_of(known, now);
             }
-            points.at(PUSH, place) = push;
-            points.put(DRAG, place, drag);
-            link(c, points, vertex, tag, place);
+            w.room.impulse[0][a] = with(sum, 0.0f);
+        }
+        const bool is_found = !__syncthreads_or(changed > small);
+        is_done = is_last;
+        is_last = is_found || iteration + 2 == ITERATIONS;
+    }
+}
+
+// What the tools receive: every point's share, summed by a warp for each number.
+__device__ __forceinline__ void tell_tools(const Work& w, double* given, uint32_t stride, uint32_t count) {
+    __syncthreads();
+#pragma unroll 1
+    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        const float4 impulse = w.points.at(IMPULSE, k);
+        const ToolStep& tool = w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)];
+        const bool is_pushed = impulse.w > 0.0f;
+        const Vec at = vec(w.points.at(AT, k)), j = is_pushed ? vec(w.points.at(NORMAL, k)) * impulse.w + vec(impulse) : Vec{0, 0, 0}, m = cross(at, j);
+        given[k] = -j.x, given[stride + k] = -j.y, given[2 * stride + k] = -j.z;
+        given[3 * stride + k] = -m.x, given[4 * stride + k] = -m.y, given[5 * stride + k] = -m.z;
+        given[6 * stride + k] = dot(j, velocity_of(tool, at, w.step.duration));
+        if (is_pushed) atomicAdd(&w.c.counts[PUSHED], 1);
+    }
+    __syncthreads();
+    const uint32_t number = threadIdx.x / 32, lane = threadIdx.x % 32;
+    if (number >= 7) return;
+#pragma unroll 1
+    for (uint32_t t = 0; t < w.step.tool_count; ++t) {
+        double sum = 0.0;
+#pragma unroll 1
+        for (uint32_t k = lane; k < count; k += 32) {
+            if (__float_as_uint(w.points.at(NAMES, k).x) == t) sum += given[number * stride + k];
+        }
+#pragma unroll 1
+        for (int half = 16; half > 0; half /= 2) sum += __shfl_down_sync(~0u, sum, half);
+        if (lane == 0) reinterpret_cast<double*>(&w.c.sums[t])[number] += sum;
+    }
+}
+
+template <int ROW>
+__device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, const Moment& moment) {
+    extern __shared__ float4 shared[];
+    const Room room(shared, c.max_points);
+    __shared__ View now[MAX_TOOLS], before[MAX_TOOLS];
+    __shared__ float4 mirror[(IMPULSE + 1) * GROUPS];
+    __shared__ double given[7 * GROUPS];
+    __shared__ uint2 touched[GROUPS];
+    __shared__ uint32_t largest, last_active;
+    const uint32_t thread = threadIdx.x;
+    const Step& step = *pass.step;
+    const uint32_t tools = step.tool_count, sites = c.counts[SITES], tag = c.counts[TAG] + 1, diverged_at = *pass.diverged_at;
+    const bool follow = moment.tissue_moves && step.may_jump;
+    const float dt = step.dt;
+    if (moment.is_first && thread < tools) c.sums[thread] = ToolSum{};
+    // By the last threads, for the first ones have most to do.
+    if (THREADS - 1 - thread < 2 * tools) {
+        const uint32_t i = THREADS - 1 - thread, t = i / 2;
+        (i % 2 ? before : now)[t] = view_of(step.tools[t], i % 2 ? moment.from : moment.to);
+    }
+    if (thread == 0) largest = 0;
+    const Points all{c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
+    const Points old{c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
+    const Points few{mirror, GROUPS};
+
+    // Find the points inside tools, in the order of sites and tools. What lies behind the last site is read as well: that is
+    // quicker than to wait for their number.
+    uint32_t count = 0, active = 0;
+    bool is_held = ROW == LANES;
+#pragma unroll 1
+    for (uint32_t first = 0; first == 0 || first < sites; first += THREADS) {
+        const uint32_t site = first + thread, coupled = c.site_coupled[site];
+        const float4 rest = c.site_rest[site], own = c.site_own[site];
+        const uint2 names = c.site_names[site], touch = c.touches[(~tag & 1) * MAX_SITES + site];
+        Vec moved{0, 0, 0}, came{0, 0, 0};
+#pragma unroll 8
+        for (int i = 0; i < ROW; ++i) {
+            moved = moved + vec(pass.u_next[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
+        }
+        if (follow) {
+#pragma unroll 1
+            for (int i = 0; i < ROW; ++i) came = came + vec(pass.u[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
+        } else {
+            came = moved;
+        }
+        if (diverged_at <= pass.substep) return;
+        if (first == 0) __syncthreads();
+        uint64_t met = 0;
+        uint32_t mine = 0, k = 0, end = 0;
+        // Which tools the site is inside first, then the points.
+#pragma unroll 1
+        for (int round = 0; round < 2; ++round) {
+#pragma unroll 1
+            for (uint32_t t = 0; t < tools && site < sites; ++t) {
+                if (round == 1 && (k == end || !(met >> t & 1))) continue;
+                const ToolStep& tool = step.tools[t];
+                const Probe p = probe(c, tool, now[t], before[t], vec(rest), moved, came);
+                const float depth = -p.met.distance;
+                if (round == 0) {
+                    met |= uint64_t(depth > 0.0f) << t;
+                    continue;
+                }
+                const Vec n = rotate(now[t].turn, p.met.normal);
+                const float free = own.x * n.x * n.x + (own.y * n.y * n.y + own.z * n.z * n.z);
+                const bool is_movable = free > MOVABLE * own.w;
+                const float mass = 1.0f / (is_movable ? free : own.w), lever = 1.0f / fmaxf(1.0f, rest.w * mass);
+                // What cannot move stays inside the tool: of several moves in a substep the last alone counts.
+                const float target = is_movable      ? fminf(depth, (step.push_limit + p.travel) * lever) / dt
+                                     : moment.is_last ? -mass * depth / dt
+                                                      : 0.0f;
+                const float4 normal = with(n, target), at = with(p.at, depth);
+                const float4 named = make_float4(__uint_as_float(t), __uint_as_float(names.x), __uint_as_float(names.y), 0.0f);
+                all.at(NORMAL, k) = normal;
+                all.at(AT, k) = at;
+                all.at(NAMES, k) = named;
+                if (k < GROUPS) {
+                    few.at(NORMAL, k) = normal;
+                    few.at(AT, k) = at;
+                    few.at(NAMES, k) = named;
+                }
+                ++k;
+            }
+            if (round == 1) continue;
+            mine = min(__popcll(met), MOST_OF_SITE);
+            uint32_t total;
+            const uint32_t sum = scan<WARPS>(mine | (mine ? 1u << 16 : 0), total), a = active + (sum >> 16);
+            k = count + (sum & 0xffff);
+            end = min(k + mine, c.max_points);
+            if (mine && k + mine > c.max_points) atomicAdd(&c.counts[DROPPED], k + mine - max(k, end));
+            count = min(count + (total & 0xffff), c.max_points);
+            active += total >> 16;
+            // What comes after the last point that found room is not active.
+            const bool is_active = k < end;
+            if (site < sites) room.active[site] = is_active ? a : NOT_ACTIVE;
+            if (!is_active) {
+                end = k;
+                continue;
+            }
+            if (end == c.max_points) last_active = a + 1;
+            room.site[a] = site;
+            room.first[a] = k;
+            c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(tag, k | (end - k) << 16);
+            if (a < GROUPS) touched[a] = touch;
+            is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED;
         }
     }
-    if (threadIdx.x == 0) {
+    const bool is_small = __syncthreads_and(is_held);
+    if (count == c.max_points) active = last_active;
+    if (thread == 0) {
+        room.first[active] = count;
         c.counts[POINTS] = count;
         c.counts[TAG] = tag;
         c.counts[PUSHED] = 0;
     }
     if (count == 0) return;
     __syncthreads();
-    const uint32_t nodes = min(touched, c.max_touched);
+    const Work work{c, pass, step, room, is_small ? few : all, old, tag, active, &largest, touched};
+    if (ROW == LANES && is_small) {
+        resolve_few(work, all);
+    } else {
+        resolve_many<ROW>(work);
+    }
+    tell_tools(work, is_small ? given : c.given, is_small ? GROUPS : MAX_POINTS, count);
+}
 
-    // The points that each of these nodes carries: counted, placed, and then brought into their order.
-    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
-        s.change[j] = make_float4(0, 0, 0, 0);
-        c.touched_mobility[j] = c.mobility[c.touched[j]];
-    }
-    __syncthreads();
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        uint32_t at[8];
-        bool has_room = true;
-#pragma unroll
-        for (int i = 0; i < 8; ++i) {
-            // A node without weight may be none of these.
-            at[i] = points.at(WEIGHTS + i, k) != 0.0f ? c.touched_at[points.word(NODE + i, k)] : 0;
-            has_room = has_room && at[i] != NONE;
-        }
-        if (!has_room) {
-            points.word(IS_MOVABLE, k) = 0;
-            points.at(PUSH, k) = 0.0f;
-            points.put(DRAG, k, {0, 0, 0});
-            atomicAdd(&c.counts[DROPPED], 1);
-        }
-        const bool movable = points.word(IS_MOVABLE, k);
-#pragma unroll
-        for (int i = 0; i < 8; ++i) {
-            points.word(NODE + i, k) = has_room ? at[i] : 0;
-            if (movable && points.at(WEIGHTS + i, k) != 0.0f) atomicAdd(s.length(at[i]), 1);
-        }
-    }
-    __syncthreads();
-    uint32_t entries = 0;
-    for (uint32_t first = 0; first < nodes; first += THREADS) {
-        const uint32_t j = first + threadIdx.x, mine = j < nodes ? *s.length(j) : 0;
-        uint32_t total;
-        const uint32_t start = entries + scan<WARPS>(mine, total);
-        entries += total;
-        if (j < nodes) {
-            c.entry_start[j] = start;
-            *s.place(j) = start;
-        }
-        if (j + 1 == nodes) c.entry_start[nodes] = start + mine;
-    }
-    __syncthreads();
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        if (!points.word(IS_MOVABLE, k)) continue;
-        for (int i = 0; i < 8; ++i) {
-            const float w = points.at(WEIGHTS + i, k);
-            if (w != 0.0f) c.entries[atomicAdd(s.place(points.word(NODE + i, k)), 1)] = make_uint2(k, __float_as_uint(w));
-        }
-    }
-    __syncthreads();
-    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
-        const uint32_t start = c.entry_start[j], end = start + *s.length(j);
-        for (uint32_t e = start; e < end; ++e) {
-            const uint2 entry = c.entries[e];
-            uint32_t to = e;
-            for (; to > start && c.entries[to - 1].x > entry.x; --to) c.entries[to] = c.entries[to - 1];
-            c.entries[to] = entry;
-        }
-        float reach = 0.0f;
-        for (uint32_t e = start; e < end; ++e) reach += fabsf(__uint_as_float(c.entries[e].y));
-        const float4 m = c.touched_mobility[j];
-        s.change[j].w = reach * fmaxf(m.x, fmaxf(m.y, m.z));
-    }
-    __syncthreads();
-    // How much all points together move each one at most: an impulse scaled by that never overshoots.
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        float reach = 0.0f;
-        for (int i = 0; i < 8; ++i) reach += fabsf(points.at(WEIGHTS + i, k)) * s.change[points.word(NODE + i, k)].w;
-        const bool movable = points.word(IS_MOVABLE, k);
-        const float push = points.at(PUSH, k);
-        const Vec drag = points.vec(DRAG, k);
-        points.at(MASS, k) = movable ? 1.0f / reach : 0.0f;
-        points.at(LAST_PUSH, k) = push;
-        points.put(LAST_DRAG, k, drag);
-        const Vec j = movable ? points.vec(NORMAL, k) * push + drag : Vec{0, 0, 0};
-        s.impulse[k] = make_float4(j.x, j.y, j.z, 0.0f);
-    }
-    __syncthreads();
+}  // namespace contact_kernel
+using namespace contact_kernel;
 
-    // Impulses that put every point on its tool.
-    for (int iteration = 0; iteration < ITERATIONS; ++iteration) {
-        give_to_nodes(c, s, nodes);
-        __syncthreads();
-        const float momentum = iteration + 1 == ITERATIONS ? 0.0f : float(iteration) / float(iteration + 3);
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-            if (!points.word(IS_MOVABLE, k)) continue;
-            const Vec n = points.vec(NORMAL, k);
-            Vec change{0, 0, 0};
-            for (int i = 0; i < 8; ++i) {
-                const float4 d = s.change[points.word(NODE + i, k)];
-                change = change + Vec{d.x, d.y, d.z} * points.at(WEIGHTS + i, k);
-            }
-            // Along the normal: the rest of the depth, by pushing alone.
-            const float mass = points.at(MASS, k);
-            const float push = fmaxf(points.at(PUSH, k) + mass * (points.at(TARGET, k) - dot(change, n)), 0.0f);
-            // Across it: with the tool, inside Coulomb's cone.
-            Vec slip = points.vec(BEFORE, k) + change;
-            slip = slip - n * dot(slip, n);
-            Vec drag = points.vec(DRAG, k) - slip * mass;
-            const float cone = step.tools[points.word(TOOL, k)].friction * push, size = norm(drag);
-            if (size > cone) drag = drag * (cone / size);
-            // Where momentum carries the impulses.
-            const float next_push = push + (push - points.at(LAST_PUSH, k)) * momentum;
-            const Vec next_drag = drag + (drag - points.vec(LAST_DRAG, k)) * momentum;
-            points.at(LAST_PUSH, k) = push;
-            points.put(LAST_DRAG, k, drag);
-            points.at(PUSH, k) = next_push;
-            points.put(DRAG, k, next_drag);
-            const Vec j = n * next_push + next_drag;
-            s.impulse[k] = make_float4(j.x, j.y, j.z, 0.0f);
-        }
-        __syncthreads();
-    }
-    give_to_nodes(c, s, nodes);
-    __syncthreads();
-
-    // What the nodes receive.
-    for (uint32_t j = threadIdx.x; j < nodes; j += THREADS) {
-        const uint32_t slot = c.nodes[c.touched[j]];
-        const float4 change = s.change[j];
-        const size_t v = velocity_at(slot);
-        pass.v_next[v] += change.x;
-        pass.v_next[v + BRICK_NODES] += change.y;
-        pass.v_next[v + 2 * BRICK_NODES] += change.z;
-        float4& u = pass.u_next[slot];
-        u.x += change.x * step.dt;
-        u.y += change.y * step.dt;
-        u.z += change.z * step.dt;
-    }
-
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        if (points.at(PUSH, k) > 0.0f) atomicAdd(&c.counts[PUSHED], 1);
-    }
-    // What the tools receive: every thread its points, a warp as a tree, then the warps in order.
-    __shared__ double parts[7][WARPS];
-    for (uint32_t t = 0; t < tools; ++t) {
-        double mine[7] = {};
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-            const float push = points.at(PUSH, k);
-            if (points.word(TOOL, k) != t || push <= 0.0f) continue;
-            const Vec j = points.vec(NORMAL, k) * push + points.vec(DRAG, k), m = cross(points.vec(AT, k), j);
-            mine[0] -= j.x, mine[1] -= j.y, mine[2] -= j.z;
-            mine[3] -= m.x, mine[4] -= m.y, mine[5] -= m.z;
-            mine[6] += dot(j, points.vec(TOOL_VELOCITY, k));
-        }
-        __syncthreads();
-        for (int i = 0; i < 7; ++i) {
-            for (int half = 16; half > 0; half /= 2) mine[i] += __shfl_down_sync(~0u, mine[i], half);
-            if ((threadIdx.x & 31) == 0) parts[i][threadIdx.x / 32] = mine[i];
-        }
-        __syncthreads();
-        if (threadIdx.x < 7) {
-            double sum = 0.0;
-            for (int w = 0; w < WARPS; ++w) sum += parts[threadIdx.x][w];
-            ToolSum& told = c.sums[t];
-            double* const to = threadIdx.x < 3 ? told.impulse + threadIdx.x : threadIdx.x < 6 ? told.moment + (threadIdx.x - 3) : &told.work;
-            *to += sum;
-        }
-    }
+// Where sites are vertices, and where they lie inside triangles.
+extern "C" __global__ void __launch_bounds__(THREADS)
+    contact_vertices(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
+    resolve<8>(c, pass, moment);
+}
+extern "C" __global__ void __launch_bounds__(THREADS)
+    contact_centres(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
+    resolve<MAX_ROW>(c, pass, moment);
 }

@@ -30,11 +30,16 @@ PLP_LAW Quat operator*(Quat a, Quat b) {
     return {a.w * b.x + a.x * b.w + a.y * b.z - a.z * b.y, a.w * b.y - a.x * b.z + a.y * b.w + a.z * b.x,
             a.w * b.z + a.x * b.y - a.y * b.x + a.z * b.w, a.w * b.w - a.x * b.x - a.y * b.y - a.z * b.z};
 }
-// The turn by a rotation vector.
+// The turn by a rotation vector: a power series for a turn of up to a radian; a larger one is halved first and put together again.
 PLP_LAW Quat turn_by(Vec v) {
-    const float angle = norm(v);
-    const float s = angle > 1e-6f ? sinf(0.5f * angle) / angle : 0.5f;
-    return {v.x * s, v.y * s, v.z * s, cosf(0.5f * angle)};
+    int halvings = 0;
+    for (; dot(v, v) > 1.0f; ++halvings) v = v * 0.5f;
+    const float x = dot(v, v);
+    const float s = 0.5f - x * (1.0f / 48.0f - x * (1.0f / 3840.0f - x * (1.0f / 645120.0f)));
+    const float c = 1.0f - x * (1.0f / 8.0f - x * (1.0f / 384.0f - x * (1.0f / 46080.0f - x * (1.0f / 10321920.0f))));
+    Quat q{v.x * s, v.y * s, v.z * s, c};
+    for (; halvings > 0; --halvings) q = q * q;
+    return q;
 }
 
 enum Shape { SPHERE = 0, CAPSULE = 1, BOX = 2 };
@@ -89,11 +94,11 @@ PLP_LAW Distance tool_distance(const Part* parts, int count, Vec p) {
 
 // How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that it
 // meets first (negative), and that plane's normal. At the end alone, a point that went past the middle of a thin tool would be
-// pushed out on the wrong side, and one that went through would be missed.
+// pushed out on the wrong side, and one that went through would be missed; one that came no further than a stride can do neither.
 PLP_LAW Distance meet(const Part* parts, int count, Vec start, Vec end, float strides) {
     const float steps = clamp(ceilf(strides), 1.0f, 64.0f);
-    for (float step = 0.0f; step <= steps; step += 1.0f) {
-        const Vec at = start + (end - start) * (step / steps);
+    for (float step = strides > 1.0f ? 0.0f : steps; step <= steps; step += 1.0f) {
+        const Vec at = step < steps ? start + (end - start) * (step / steps) : end;
         const Distance d = tool_distance(parts, count, at);
         if (d.distance < 0.0f) return {d.distance + dot(d.normal, end - at), d.normal};
     }

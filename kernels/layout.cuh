@@ -16,8 +16,9 @@ struct Law {
 
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
-// Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
-constexpr int MAX_POINTS = 2048, MAX_NEAR = 8192, MAX_NODES = 8 * MAX_NEAR;
+// Most contact points at once on any device; most sites of the surface that may become one before they are listed anew; most nodes that
+// carry a site; and most sites to which one is coupled where points are few.
+constexpr int MAX_POINTS = 2048, MAX_SITES = 8192, MAX_ROW = 24, MAX_COUPLED = 32;
 
 // A tool during one step. Model frame.
 struct ToolStep {
@@ -108,65 +109,85 @@ struct Pass {
     uint32_t mark;
 };
 
-// A point of the surface inside a tool: places of its fields, each an array over the points.
+// Places in Contact::counts: near elements; listed sites, the nodes that carry them, and their loads; what found no room; points and the time they
+// belong to; and how many of them push.
+enum Count { NEAR, SITES, CARRIERS, LOADS, DROPPED, POINTS, TAG, PUSHED, COUNTS };
+
+// A point of the surface inside a tool: four numbers a field, each an array over the points.
 enum PointField {
-    VERTEX,
-    TOOL,
-    // The next tool's point on the same vertex.
-    NEXT,
-    // 0 where held nodes alone carry it.
-    IS_MOVABLE,
-    // From the tool's origin, model axes.
-    AT,
-    DEPTH = AT + 3,
-    // Out of the tool.
+    // Out of the tool; and how fast it must be pushed out in m/s, or, where held nodes alone carry it, minus its impulse.
     NORMAL,
-    // How fast it must be pushed out, m/s.
-    TARGET = NORMAL + 3,
-    TOOL_VELOCITY,
-    // 1 / what all points together move this one by, at most.
-    MASS = TOOL_VELOCITY + 3,
-    // Velocity of the tissue without contact, seen from the tool.
+    // From the tool's origin, model axes; and the depth.
+    AT,
+    // Whole numbers: tool, vertex, what names its site.
+    NAMES,
+    // Impulse on the tissue in N s, across the normal and along it.
+    IMPULSE,
+    // Velocity of the tissue without contact, seen from the tool; and 1 / what all points together move this one by, at most.
     BEFORE,
-    // Impulse on the tissue in N s, along the normal and across it; and that of the last iteration.
-    PUSH = BEFORE + 3,
-    DRAG,
-    LAST_PUSH = DRAG + 3,
-    LAST_DRAG,
-    NODE = LAST_DRAG + 3,
-    WEIGHTS = NODE + 8,
-    POINT_FIELDS = WEIGHTS + 8,
+    // The impulse of the last iteration.
+    LAST,
+    POINT_FIELDS,
 };
 
-// Contact of one surface.
+// A node that carries sites.
+struct Carrier {
+    uint32_t slot;
+    // Its sites: where they begin among the loads, and how many there are.
+    uint32_t start, count;
+    // One of them.
+    uint32_t site;
+};
+
+// A site on a carrier.
+struct Load {
+    uint32_t site;
+    float weight;
+};
+
+// Contact of one surface. Sites are its vertices or, where `division` is above 1, the centres of the small triangles into which each
+// triangle's edges so divided cut it.
 struct Contact {
-    uint32_t vertices;
-    // Most contact points, and most nodes that carry them: what the device's shared memory holds.
-    uint32_t max_points, max_touched;
+    uint32_t vertices, triangles, division;
+    // Most contact points: what the device's shared memory holds.
+    uint32_t max_points;
+    // Sites further apart than this share no node.
+    float reach;
+    // Longest edge of a triangle where sites lie inside triangles, else 0.
+    float edge;
     const float* rest;          // [3 * vertices]
     const uint4* row_nodes;     // [2 * vertices]: slots
     const float4* row_weights;  // [2 * vertices]
+    const uint32_t* corners;    // [3 * triangles]
     const Part* parts;
-    // Near vertices: a bit each, and their list.
+    // Near elements, vertices or triangles: a bit each, and their list.
     uint32_t* near_bits;
     uint32_t* near;
-    uint32_t* counts;  // near, nodes, dropped, points, tag, pushed points
-    // Nodes that carry near vertices: slot, mobility along the axes and inverse mass.
-    uint32_t* node_stamp;  // [slots]
-    uint32_t* node_of;     // [slots]
-    uint32_t* nodes;
-    float4* mobility;
-    uint32_t* node_tag;
-    uint32_t* touched_at;
-    // Nodes that carry points, and for each the points: ranges [max_touched + 1], and point and weight.
-    uint32_t* touched;
-    float4* touched_mobility;
-    uint32_t* entry_start;
-    uint2* entries;
-    // The first point on each vertex, at the time that the tag names.
-    uint32_t* head_tag;
-    uint32_t* head;
-    float* points;  // [2][POINT_FIELDS][MAX_POINTS]
+    uint32_t* counts;
+    // Sites: rest position, and the largest share of a node's mobility; mobility along the axes, and as if nothing were held.
+    float4* site_rest;
+    float4* site_own;
+    uint2* site_names;  // vertex, and what names it
+    uint32_t* site_slots;     // [MAX_ROW][MAX_SITES]
+    float* site_weights;      // [MAX_ROW][MAX_SITES]
+    uint32_t* site_carriers;  // [MAX_ROW][MAX_SITES]
+    // To how many sites each is coupled; and, for those that are to no more than MAX_COUPLED: what an impulse on another changes of its
+    // velocity, along the axes, and which other. Zeros fill the rest.
+    uint32_t* site_coupled;
+    float4* couplings;  // [MAX_SITES][MAX_COUPLED]
+    // The carrier on each slot.
+    uint32_t* carrier_at;  // [slots]
+    Carrier* carriers;
+    float4* mobility;  // along the axes, and 1 / mass
+    Load* loads;
+    // Carriers of points, and what impulses change of their velocity.
+    uint32_t* moved;
+    float4* changes;
+    // The points on each site, at two times in turn: time, and first | count << 16.
+    uint2* touches;  // [2][MAX_SITES]
+    // What points give to their tools: impulse, moment, work.
+    double* given;  // [7][MAX_POINTS]
+    float4* points;  // [2][POINT_FIELDS][MAX_POINTS]
     ToolSum* sums;
 };
 

@@ -44,8 +44,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         report->shrinking = all.shrinking;
         report->displacement2 = all.displacement2;
         report->vis_viva = all.vis_viva;
-        report->dropped_points = contact[2];
-        report->contact_points = step->tool_count ? contact[5] : 0;
+        report->dropped_points = contact[DROPPED];
+        report->contact_points = step->tool_count ? contact[PUSHED] : 0;
         for (uint32_t t = 0; t < step->tool_count; ++t) report->sums[t] = sums[t];
         *diverged_at = ~0u;
         // The host reads the rest once it sees the number.

@@ -1,13 +1,18 @@
 //! Contact on the device: what it works on, and what is asked of it in a step.
+//!
+//! Sites, the points of the surface that tools may meet, are listed around the tools with room to spare; the list stays good while no tool leaves
+//! that room and no tissue can have come through it, so that it is made once in many steps.
 
 use std::sync::Arc;
 
 use super::device::Device;
 use super::kernels::Kernels;
-use super::layout::{self, MAX_NEAR, MAX_NODES, MAX_POINTS, Moment, Part, Pass, ToolSum, point};
+use super::layout::{
+    self, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, ToolSum, count, point,
+};
 use super::memory::{Buffer, Stream};
 use super::pointer;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::surface::ROW;
@@ -15,12 +20,24 @@ use crate::sim::MAX_TOOLS;
 use crate::solver::ToolStep;
 use crate::solver::tool::{Contact, MAX_PARTS};
 
-/// Threads of a block of `contact_near`, and of the one block of `contact_list` and of `contact_resolve`.
+/// Threads of a block of the kernels that list, of the one block of `contact_list`, and of the one that resolves.
 const NEAR_THREADS: u32 = 256;
 const LIST_THREADS: u32 = 1024;
-const THREADS: u32 = 256;
+const THREADS: u32 = 512;
+/// Blocks that work out what sites have to do with each other: two or so for each processor of a large GPU.
+const COUPLE_BLOCKS: u32 = 256;
 /// Nothing near, nothing dropped. The tag starts at 1: what was never tagged is 0, and belongs to no time.
-const FRESH_COUNTS: [u32; 8] = [0, 0, 0, 0, 1, 0, 0, 0];
+const FRESH_COUNTS: [u32; count::COUNTS] = [0, 0, 0, 0, 0, 0, 1, 0];
+/// Numbers of a [`ToolSum`].
+const SUMS: usize = 7;
+/// No carrier.
+const NONE: u32 = u32::MAX;
+/// Room to spare around a tool's way, in cells.
+const ROOM: f64 = 1.0;
+/// How far tissue may come within one step before sites are listed again, in cells.
+const LONGEST_WAY: f64 = 2.0;
+/// Finest division of a triangle's edge.
+const MAX_DIVISION: f64 = 32.0;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a tool's feature that the tissue may travel in a substep before its way matters.
@@ -31,27 +48,62 @@ const PUSH_LIMIT: f64 = 0.25;
 /// How much contact a device's shared memory holds at once.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// Points.
     points: u32,
-    /// Nodes that carry them.
-    touched: u32,
 }
 
 impl Room {
+    /// Bytes of a point: two impulses, and two places.
+    const OF_POINT: u32 = 2 * 16 + 2 * 2;
+    /// Bytes beside the points: which point each site is, and the end of the places.
+    const OF_SITES: u32 = 2 * MAX_SITES as u32 + 16;
+
     /// What a block may share on a device.
     pub fn on(device: &Device) -> Result<Self> {
         /// What the kernel declares itself, and what the driver keeps, in bytes.
-        const DECLARED: u32 = 9 << 10;
-        let shared = device.shared_bytes()?.saturating_sub(DECLARED);
-        // Both hold 16 bytes each; a point is carried by nearly two nodes of its own.
-        let points = (shared / 16 * 4 / 11).min(MAX_POINTS as u32);
-        Ok(Self { points, touched: points * 7 / 4 })
+        const DECLARED: u32 = 14 << 10;
+        let shared = device.shared_bytes()?.saturating_sub(DECLARED + Self::OF_SITES);
+        // A multiple of eight keeps what follows aligned.
+        Ok(Self { points: (shared / Self::OF_POINT).min(MAX_POINTS as u32) / 8 * 8 })
     }
 
     /// Shared memory in bytes.
     pub fn bytes(self) -> u32 {
-        (self.points + self.touched) * 16
+        self.points * Self::OF_POINT + Self::OF_SITES
     }
+}
+
+/// What the device's list of sites is good for.
+#[derive(Debug)]
+struct List {
+    division: u32,
+    /// Where each tool was on its way when the list was made, and how far its points reach.
+    ways: Vec<[Vec3; 2]>,
+    /// How much of the room is left, in m.
+    spare: f64,
+}
+
+impl List {
+    /// Whether the list holds all that tools can meet on ways on which tissue may come `way` to meet them.
+    fn serves(&self, tools: &[ToolStep], division: u32, way: f64) -> bool {
+        // A comparison with NaN is false.
+        self.division == division
+            && self.ways.len() == tools.len()
+            && self.ways.iter().zip(tools).all(|(listed, tool)| {
+                ends(tool).into_iter().all(|end| distance(end, *listed) + way <= self.spare)
+            })
+    }
+}
+
+/// Where a tool's origin starts and ends in a step.
+fn ends(tool: &ToolStep) -> [Vec3; 2] {
+    [tool.path.from, tool.path.to].map(|pose| pose.translation.vector)
+}
+
+/// Of a point from a segment.
+fn distance(point: Vec3, [from, to]: [Vec3; 2]) -> f64 {
+    let (way, at) = (to - from, point - from);
+    let along = if way.norm_squared() > 0.0 { at.dot(&way) / way.norm_squared() } else { 0.0 };
+    (at - way * along.clamp(0.0, 1.0)).norm()
 }
 
 /// The contact surface of a model on the device.
@@ -62,27 +114,36 @@ pub struct ContactSurface {
     longest_edge: f64,
     /// Largest Σ |w| of a vertex: how much further than a node it may move.
     lever: f64,
+    /// Furthest node of a vertex's row, in m.
+    row_reach: f64,
+    list: Option<List>,
     vertices: u32,
+    triangles: u32,
     rest: Buffer<[f32; 3]>,
     row_nodes: Buffer<[u32; ROW]>,
     row_weights: Buffer<[f32; ROW]>,
+    corners: Buffer<[u32; 3]>,
     parts: Buffer<Part>,
     near_bits: Buffer<u32>,
     near: Buffer<u32>,
     counts: Buffer<u32>,
-    node_stamp: Buffer<u32>,
-    node_of: Buffer<u32>,
-    nodes: Buffer<u32>,
+    site_rest: Buffer<[f32; 4]>,
+    site_own: Buffer<[f32; 4]>,
+    site_names: Buffer<[u32; 2]>,
+    site_slots: Buffer<u32>,
+    site_weights: Buffer<f32>,
+    site_carriers: Buffer<u32>,
+    site_coupled: Buffer<u32>,
+    couplings: Buffer<[f32; 4]>,
+    carrier_at: Buffer<u32>,
+    carriers: Buffer<[u32; 4]>,
     mobility: Buffer<[f32; 4]>,
-    node_tag: Buffer<u32>,
-    touched_at: Buffer<u32>,
-    touched: Buffer<u32>,
-    touched_mobility: Buffer<[f32; 4]>,
-    entry_start: Buffer<u32>,
-    entries: Buffer<[u32; 2]>,
-    head_tag: Buffer<u32>,
-    head: Buffer<u32>,
-    points: Buffer<f32>,
+    loads: Buffer<[u32; 2]>,
+    moved: Buffer<u32>,
+    changes: Buffer<[f32; 4]>,
+    touches: Buffer<[u32; 2]>,
+    given: Buffer<f64>,
+    points: Buffer<[f32; 4]>,
     sums: Buffer<ToolSum>,
     /// The parts that lie in `parts`, tool by tool.
     known_parts: Vec<Part>,
@@ -95,13 +156,26 @@ pub struct Plan {
     pub tools: u32,
     /// How many moves each makes in a substep.
     pub moves: u32,
+    /// Into how many parts a triangle's edge is divided.
+    pub division: u32,
+    /// How often sites are listed; 0 where the last list is still good.
+    pub lists: u32,
+}
+
+/// A step with tools.
+#[derive(Debug)]
+pub struct Prepared {
+    pub plan: Plan,
+    /// The device's record of every tool.
+    pub tools: Vec<layout::ToolStep>,
+    /// How far from a tool's way sites are listed, in m.
+    pub margin: f64,
 }
 
 impl ContactSurface {
     /// Prepares the contact surface of a model.
     pub fn new(model: &Arc<Model>, stream: &Arc<Stream>, room: Room) -> Result<Self> {
-        let surface = &model.surfaces()[model.contact_surface()];
-        let slots = model.lattice().slot_count();
+        let (surface, lattice) = (&model.surfaces()[model.contact_surface()], model.lattice());
         let vertices = surface.positions.len();
         let rest: Vec<[f32; 3]> =
             surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect();
@@ -117,31 +191,50 @@ impl ContactSurface {
             .iter()
             .map(|row| row.weights.iter().map(|w| f64::from(w.abs())).sum())
             .fold(1.0, f64::max);
-        let (points, touched) = (room.points as usize, room.touched as usize);
+        let row_reach = surface
+            .rows
+            .iter()
+            .zip(&surface.positions)
+            .flat_map(|(row, p)| row.nodes.iter().zip(&row.weights).map(move |(&node, &w)| (node, w, p)))
+            .filter(|&(_, weight, _)| weight != 0.0)
+            .map(|(node, _, p)| (lattice.rest_position(node) - p).norm())
+            .fold(0.0, f64::max);
+        let most_elements = vertices.max(surface.triangles.len());
+        let rows = MAX_ROW * MAX_SITES;
+        let carrier_at = Buffer::zeros(stream, lattice.slot_count())?;
+        carrier_at.fill(NONE)?;
         Ok(Self {
             room,
             longest_edge,
             lever,
+            row_reach,
+            list: None,
             vertices: vertices as u32,
+            triangles: surface.triangles.len() as u32,
             rest: Buffer::of(stream, &rest)?,
             row_nodes: Buffer::of(stream, &surface.rows.iter().map(|row| row.nodes).collect::<Vec<_>>())?,
             row_weights: Buffer::of(stream, &surface.rows.iter().map(|row| row.weights).collect::<Vec<_>>())?,
+            corners: Buffer::of(stream, &surface.triangles)?,
             parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
-            near_bits: Buffer::zeros(stream, vertices.div_ceil(32))?,
-            near: Buffer::zeros(stream, MAX_NEAR)?,
+            near_bits: Buffer::zeros(stream, most_elements.div_ceil(32))?,
+            near: Buffer::zeros(stream, MAX_SITES)?,
             counts: Buffer::of(stream, &FRESH_COUNTS)?,
-            node_stamp: Buffer::zeros(stream, slots)?,
-            node_of: Buffer::zeros(stream, slots)?,
-            nodes: Buffer::zeros(stream, MAX_NODES)?,
-            mobility: Buffer::zeros(stream, MAX_NODES)?,
-            node_tag: Buffer::zeros(stream, MAX_NODES)?,
-            touched_at: Buffer::zeros(stream, MAX_NODES)?,
-            touched: Buffer::zeros(stream, touched)?,
-            touched_mobility: Buffer::zeros(stream, touched)?,
-            entry_start: Buffer::zeros(stream, touched + 1)?,
-            entries: Buffer::zeros(stream, points * ROW)?,
-            head_tag: Buffer::zeros(stream, vertices)?,
-            head: Buffer::zeros(stream, vertices)?,
+            site_rest: Buffer::zeros(stream, MAX_SITES)?,
+            site_own: Buffer::zeros(stream, MAX_SITES)?,
+            site_names: Buffer::zeros(stream, MAX_SITES)?,
+            site_slots: Buffer::zeros(stream, rows)?,
+            site_weights: Buffer::zeros(stream, rows)?,
+            site_carriers: Buffer::zeros(stream, rows)?,
+            site_coupled: Buffer::zeros(stream, MAX_SITES)?,
+            couplings: Buffer::zeros(stream, MAX_SITES * MAX_COUPLED)?,
+            carrier_at,
+            carriers: Buffer::zeros(stream, rows)?,
+            mobility: Buffer::zeros(stream, rows)?,
+            loads: Buffer::zeros(stream, rows)?,
+            moved: Buffer::zeros(stream, rows)?,
+            changes: Buffer::zeros(stream, rows)?,
+            touches: Buffer::zeros(stream, 2 * MAX_SITES)?,
+            given: Buffer::zeros(stream, SUMS * MAX_POINTS)?,
             points: Buffer::zeros(stream, 2 * point::FIELDS * MAX_POINTS)?,
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
             known_parts: Vec::new(),
@@ -149,38 +242,57 @@ impl ContactSurface {
         })
     }
 
-    /// What contact will do in a step, and the device's record of every tool.
-    pub fn plan(&mut self, tools: &[ToolStep], substeps: u32) -> Result<(Plan, Vec<layout::ToolStep>)> {
+    /// What contact will do in a step of `duration` seconds, when no node is faster than `speed` at its start and all fall with `gravity`.
+    pub fn prepare(
+        &mut self,
+        tools: &[ToolStep],
+        substeps: u32,
+        speed: f64,
+        gravity: f64,
+        duration: f64,
+    ) -> Result<Prepared> {
         let mut records = Vec::with_capacity(tools.len());
         let mut parts = Vec::new();
-        let mut moves = 1.0_f64;
+        let (mut moves, mut division, mut reach) = (1.0_f64, 1.0_f64, 0.0_f64);
         for tool in tools {
             let feature = tool.desc.feature_m();
-            if self.longest_edge > 0.5 * feature {
-                return Err(Error::Unsupported(format!(
-                    "on a GPU, contact needs a surface whose edges ({} m) are at most half of a tool's smallest size ({feature} m)",
-                    self.longest_edge
-                )));
-            }
             records.push(layout::ToolStep::of(tool, parts.len() as u32));
             parts.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
-            let way = tool.path.reach(tool.desc.bounding_radius_m()) / f64::from(substeps);
-            moves = moves.max((way / (0.5 * feature)).ceil());
+            let way = tool.path.reach(tool.desc.bounding_radius_m());
+            moves = moves.max((way / f64::from(substeps) / (0.5 * feature)).ceil());
+            division = division.max((self.longest_edge / (0.5 * feature)).ceil());
+            reach = reach.max(way);
         }
         if parts != self.known_parts {
             self.parts.write(0, &parts)?;
             self.known_parts = parts;
         }
-        Ok((Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32 }, records))
+        let division = division.min(MAX_DIVISION) as u32;
+        // Tissue that a tool pushes moves no faster than the tool.
+        let way = self.lever * (speed * duration + 0.5 * gravity * duration * duration + reach);
+        let cell = self.model.lattice().cell_m();
+        let (mut lists, mut margin) = (0, 0.0);
+        match &mut self.list {
+            _ if tools.is_empty() => {}
+            Some(list) if list.serves(tools, division, way) => list.spare -= way,
+            list => {
+                lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
+                margin = way / f64::from(lists) + ROOM * cell;
+                // One that is made within a step is that of its last part.
+                *list = (lists == 1).then(|| List {
+                    division,
+                    ways: tools.iter().map(ends).collect(),
+                    spare: ROOM * cell,
+                });
+            }
+        }
+        let plan = Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, division, lists };
+        Ok(Prepared { plan, tools: records, margin })
     }
 
-    /// How far tissue may come to meet tools in a step, besides their own ways, when no node is faster than `speed` at its start and all
-    /// fall with `gravity`.
-    pub fn margin(&self, tools: &[ToolStep], speed: f64, gravity: f64, duration: f64) -> f64 {
-        // Tissue that a tool pushes moves no faster than the tool.
-        let reach = tools.iter().map(|t| t.path.reach(t.desc.bounding_radius_m())).fold(0.0, f64::max);
-        let way = speed * duration + 0.5 * gravity * duration * duration + reach;
-        self.lever * way + 0.5 * self.model.lattice().cell_m()
+    /// The tissue has been moved otherwise than by steps, or further than was thought.
+    pub fn lose_track(&mut self) {
+        self.list = None;
     }
 
     /// Whether tissue may come so far in one substep that its way matters to a tool.
@@ -193,48 +305,75 @@ impl ContactSurface {
         PUSH_LIMIT * self.model.lattice().cell_m()
     }
 
-    fn contact(&self) -> layout::Contact {
+    fn contact(&self, plan: Plan) -> layout::Contact {
+        let edge = if plan.division > 1 { self.longest_edge } else { 0.0 };
         layout::Contact {
             vertices: self.vertices,
+            triangles: self.triangles,
+            division: plan.division,
             max_points: self.room.points,
-            max_touched: self.room.touched,
+            reach: (2.0 * (self.row_reach + edge)) as f32,
+            edge: edge as f32,
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
+            corners: self.corners.at(),
             parts: self.parts.at(),
             near_bits: self.near_bits.at(),
             near: self.near.at(),
             counts: self.counts.at(),
-            node_stamp: self.node_stamp.at(),
-            node_of: self.node_of.at(),
-            nodes: self.nodes.at(),
+            site_rest: self.site_rest.at(),
+            site_own: self.site_own.at(),
+            site_names: self.site_names.at(),
+            site_slots: self.site_slots.at(),
+            site_weights: self.site_weights.at(),
+            site_carriers: self.site_carriers.at(),
+            site_coupled: self.site_coupled.at(),
+            couplings: self.couplings.at(),
+            carrier_at: self.carrier_at.at(),
+            carriers: self.carriers.at(),
             mobility: self.mobility.at(),
-            node_tag: self.node_tag.at(),
-            touched_at: self.touched_at.at(),
-            touched: self.touched.at(),
-            touched_mobility: self.touched_mobility.at(),
-            entry_start: self.entry_start.at(),
-            entries: self.entries.at(),
-            head_tag: self.head_tag.at(),
-            head: self.head.at(),
+            loads: self.loads.at(),
+            moved: self.moved.at(),
+            changes: self.changes.at(),
+            touches: self.touches.at(),
+            given: self.given.at(),
             points: self.points.at(),
             sums: self.sums.at(),
         }
     }
 
-    /// Asks the stream to list what tools may meet in the coming step.
+    /// Asks the stream for contact's part of a substep before the nodes move: to list sites where the plan says so.
     ///
     /// # Safety
-    /// `pass` is that of the step's first substep, and outlives the work.
-    pub unsafe fn list(&self, kernels: &Kernels, stream: &Stream, pass: &mut Pass) -> Result<()> {
-        let mut contact = self.contact();
-        let blocks = self.vertices.div_ceil(NEAR_THREADS);
-        let arguments = &mut [pointer(&mut contact), pointer(pass)];
-        // SAFETY: the kernels' arguments, as declared.
-        unsafe {
-            kernels.contact_near.launch(&stream.device, stream.handle, blocks, NEAR_THREADS, 0, arguments)?;
-            kernels.contact_list.launch(&stream.device, stream.handle, 1, LIST_THREADS, 0, arguments)
+    /// `pass` is that of the substep, and outlives the work.
+    pub unsafe fn list(
+        &self,
+        kernels: &Kernels,
+        stream: &Stream,
+        pass: &mut Pass,
+        plan: Plan,
+        substeps: u32,
+    ) -> Result<()> {
+        let part = |substep: u32| u64::from(substep) * u64::from(plan.lists) / u64::from(substeps);
+        let begins = pass.substep == 1 || part(pass.substep - 1) != part(pass.substep - 2);
+        if plan.lists == 0 || !begins {
+            return Ok(());
         }
+        let mut contact = self.contact(plan);
+        let elements = if plan.division > 1 { self.triangles } else { self.vertices };
+        let launch = [
+            (kernels.contact_near, elements.div_ceil(NEAR_THREADS).max(1), NEAR_THREADS),
+            (kernels.contact_list, 1, LIST_THREADS),
+            (kernels.contact_sites, MAX_SITES as u32 / NEAR_THREADS, NEAR_THREADS),
+            (kernels.contact_couple, COUPLE_BLOCKS, NEAR_THREADS),
+        ];
+        let arguments = &mut [pointer(&mut contact), pointer(pass)];
+        for (kernel, blocks, threads) in launch {
+            // SAFETY: all take the first argument, and those that take a second one take the pass.
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, 0, arguments)? };
+        }
+        Ok(())
     }
 
     /// Asks the stream to push the tissue out of the tools at the end of a substep.
@@ -249,30 +388,24 @@ impl ContactSurface {
         plan: Plan,
         substeps: u32,
     ) -> Result<()> {
-        let mut contact = self.contact();
+        let mut contact = self.contact(plan);
         let begin = pass.substep - 1;
         let fraction =
             |step: u32| (f64::from(begin) + f64::from(step) / f64::from(plan.moves)) / f64::from(substeps);
+        let kernel = if plan.division > 1 { kernels.contact_centres } else { kernels.contact_vertices };
         for step in 1..=plan.moves {
             let mut moment = Moment {
                 from: fraction(step - 1) as f32,
                 to: fraction(step) as f32,
+                is_first: u32::from(begin == 0 && step == 1),
                 tissue_moves: u32::from(step == 1),
                 is_last: u32::from(step == plan.moves),
             };
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
-                let device = &stream.device;
-                kernels.contact_resolve.launch(
-                    device,
-                    stream.handle,
-                    1,
-                    THREADS,
-                    self.room.bytes(),
-                    arguments,
-                )?;
-            }
+                kernel.launch(&stream.device, stream.handle, 1, THREADS, self.room.bytes(), arguments)?
+            };
         }
         Ok(())
     }
@@ -284,34 +417,48 @@ impl ContactSurface {
 
     /// The contacts of one tool in the last substep, model frame; `origin` is where it is.
     pub fn contacts_of(&self, tool: u32, origin: Vec3, dt: f64) -> Result<Vec<Contact>> {
-        let mut counts = [0; 5];
+        let mut counts = [0; count::COUNTS];
         self.counts.read(0, &mut counts)?;
-        let [.., points, tag] = counts;
-        let mut fields = vec![0.0; point::FIELDS * MAX_POINTS];
-        self.points.read((tag as usize & 1) * fields.len(), &mut fields)?;
+        let mut fields = vec![[0.0; 4]; point::FIELDS * MAX_POINTS];
+        self.points.read((counts[count::TAG] as usize & 1) * fields.len(), &mut fields)?;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
-        let number = |field: usize, k: usize| fields[field * MAX_POINTS + k];
-        let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(number(field + axis, k)));
-        let is_mine = |k: &usize| number(point::TOOL, *k).to_bits() == tool && number(point::PUSH, *k) > 0.0;
-        Ok((0..points as usize)
-            .filter(is_mine)
+        let at = |field: usize, k: usize| fields[field * MAX_POINTS + k];
+        let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(at(field, k)[axis]));
+        let name = |k: usize, place: usize| at(point::NAMES, k)[place].to_bits();
+        let push = |k: usize| f64::from(at(point::IMPULSE, k)[3]);
+        Ok((0..counts[count::POINTS] as usize)
+            .filter(|&k| name(k, 0) == tool && push(k) > 0.0)
             .map(|k| Contact {
                 point_m: origin + vector(point::AT, k),
                 normal: vector(point::NORMAL, k),
-                depth_m: f64::from(number(point::DEPTH, k)),
-                force_n: (vector(point::NORMAL, k) * f64::from(number(point::PUSH, k))
-                    + vector(point::DRAG, k))
-                    / dt,
-                material: surface.materials[number(point::VERTEX, k).to_bits() as usize],
+                depth_m: f64::from(at(point::AT, k)[3]),
+                force_n: (vector(point::NORMAL, k) * push(k) + vector(point::IMPULSE, k)) / dt,
+                material: surface.materials[name(k, 1) as usize],
             })
             .collect())
     }
 
     /// Forgets all contacts.
-    pub fn clear(&self) -> Result<()> {
+    pub fn clear(&mut self) -> Result<()> {
+        self.list = None;
         self.counts.write(0, &FRESH_COUNTS)?;
-        self.node_stamp.clear()?;
-        self.node_tag.clear()?;
-        self.head_tag.clear()
+        self.carrier_at.fill(NONE)?;
+        self.touches.clear()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_is_as_far_from_a_segment_as_from_its_nearest_point() {
+        let segment = [Vec3::zeros(), Vec3::new(2.0, 0.0, 0.0)];
+        for (point, expected) in
+            [([1.0, 3.0, 0.0], 3.0), ([-3.0, 4.0, 0.0], 5.0), ([5.0, 0.0, 4.0], 5.0), ([0.5, 0.0, 0.0], 0.0)]
+        {
+            assert_eq!(distance(point.into(), segment), expected);
+        }
+        assert_eq!(distance(Vec3::x(), [Vec3::zeros(); 2]), 1.0, "one that has no length");
     }
 }

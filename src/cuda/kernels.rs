@@ -11,6 +11,7 @@ use crate::error::Result;
 
 /// Machine code for common GPUs and PTX for the rest, one image for each source file of `kernels/`.
 const LATTICE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/lattice.fatbin"));
+const NEAR: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/near.fatbin"));
 const CONTACT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/contact.fatbin"));
 const SURFACE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/surface.fatbin"));
 const REPORT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/report.fatbin"));
@@ -79,19 +80,24 @@ pub struct Kernel(CUfunction);
 pub struct Kernels {
     /// One substep.
     pub substep: Kernel,
-    /// Marks the vertices that tools may meet in a step.
+    /// Marks what tools may meet.
     pub contact_near: Kernel,
-    /// Lists them.
+    /// Lists it.
     pub contact_list: Kernel,
-    /// Pushes the tissue out of the tools.
-    pub contact_resolve: Kernel,
+    /// Makes sites of it.
+    pub contact_sites: Kernel,
+    /// Finds what sites have to do with each other.
+    pub contact_couple: Kernel,
+    /// Pushes the tissue out of the tools: where sites are vertices, and where they lie inside triangles.
+    pub contact_vertices: Kernel,
+    pub contact_centres: Kernel,
     /// Moves a surface's vertices.
     pub surface_positions: Kernel,
     /// And its normals.
     pub surface_normals: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 4],
+    _modules: [Module; 5],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -101,6 +107,7 @@ impl Kernels {
     /// Loads the kernels for a model with or without volume terms and damped springs.
     pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool, room: Room) -> Result<Self> {
         let lattice = Module::load(device, LATTICE)?;
+        let near = Module::load(device, NEAR)?;
         let contact = Module::load(device, CONTACT)?;
         let surface = Module::load(device, SURFACE)?;
         let report = Module::load(device, REPORT)?;
@@ -112,13 +119,16 @@ impl Kernels {
         };
         Ok(Self {
             substep: lattice.function(substep)?,
-            contact_near: contact.function(c"contact_near")?,
-            contact_list: contact.function(c"contact_list")?,
-            contact_resolve: contact.sharing_function(c"contact_resolve", room.bytes())?,
+            contact_near: near.function(c"contact_near")?,
+            contact_list: near.function(c"contact_list")?,
+            contact_sites: near.function(c"contact_sites")?,
+            contact_couple: near.function(c"contact_couple")?,
+            contact_vertices: contact.sharing_function(c"contact_vertices", room.bytes())?,
+            contact_centres: contact.sharing_function(c"contact_centres", room.bytes())?,
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,
-            _modules: [lattice, contact, surface, report],
+            _modules: [lattice, near, contact, surface, report],
         })
     }
 }

@@ -30,10 +30,12 @@ impl Law {
     }
 }
 
-/// Most contact points at once on any device, most vertices that may become one in a step, and most nodes that carry those.
+/// Most contact points at once on any device; most sites of the surface that may become one before they are listed anew; most nodes that
+/// carry a site; and most sites to which one is coupled where points are few.
 pub const MAX_POINTS: usize = 2048;
-pub const MAX_NEAR: usize = 8192;
-pub const MAX_NODES: usize = 8 * MAX_NEAR;
+pub const MAX_SITES: usize = 8192;
+pub const MAX_ROW: usize = 24;
+pub const MAX_COUPLED: usize = 32;
 
 /// One shape of a tool, in the tool's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -203,17 +205,22 @@ pub struct Pass {
     pub mark: u32,
 }
 
-/// Places of a contact point's fields, each an array over the points.
-pub mod point {
-    pub const VERTEX: usize = 0;
-    pub const TOOL: usize = 1;
-    pub const AT: usize = 4;
-    pub const DEPTH: usize = 7;
-    pub const NORMAL: usize = 8;
-    pub const PUSH: usize = 19;
-    pub const DRAG: usize = 20;
+/// Places in [`Contact::counts`].
+pub mod count {
+    pub const POINTS: usize = 5;
+    pub const TAG: usize = 6;
     /// How many there are.
-    pub const FIELDS: usize = 43;
+    pub const COUNTS: usize = 8;
+}
+
+/// Places of a contact point's fields: four numbers each, in an array over the points.
+pub mod point {
+    pub const NORMAL: usize = 0;
+    pub const AT: usize = 1;
+    pub const NAMES: usize = 2;
+    pub const IMPULSE: usize = 3;
+    /// How many there are.
+    pub const FIELDS: usize = 6;
 }
 
 /// Contact of one surface.
@@ -221,27 +228,35 @@ pub mod point {
 #[repr(C)]
 pub struct Contact {
     pub vertices: u32,
+    pub triangles: u32,
+    pub division: u32,
     pub max_points: u32,
-    pub max_touched: u32,
+    pub reach: f32,
+    pub edge: f32,
     pub rest: CUdeviceptr,
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,
+    pub corners: CUdeviceptr,
     pub parts: CUdeviceptr,
     pub near_bits: CUdeviceptr,
     pub near: CUdeviceptr,
     pub counts: CUdeviceptr,
-    pub node_stamp: CUdeviceptr,
-    pub node_of: CUdeviceptr,
-    pub nodes: CUdeviceptr,
+    pub site_rest: CUdeviceptr,
+    pub site_own: CUdeviceptr,
+    pub site_names: CUdeviceptr,
+    pub site_slots: CUdeviceptr,
+    pub site_weights: CUdeviceptr,
+    pub site_carriers: CUdeviceptr,
+    pub site_coupled: CUdeviceptr,
+    pub couplings: CUdeviceptr,
+    pub carrier_at: CUdeviceptr,
+    pub carriers: CUdeviceptr,
     pub mobility: CUdeviceptr,
-    pub node_tag: CUdeviceptr,
-    pub touched_at: CUdeviceptr,
-    pub touched: CUdeviceptr,
-    pub touched_mobility: CUdeviceptr,
-    pub entry_start: CUdeviceptr,
-    pub entries: CUdeviceptr,
-    pub head_tag: CUdeviceptr,
-    pub head: CUdeviceptr,
+    pub loads: CUdeviceptr,
+    pub moved: CUdeviceptr,
+    pub changes: CUdeviceptr,
+    pub touches: CUdeviceptr,
+    pub given: CUdeviceptr,
     pub points: CUdeviceptr,
     pub sums: CUdeviceptr,
 }
@@ -252,6 +267,7 @@ pub struct Contact {
 pub struct Moment {
     pub from: f32,
     pub to: f32,
+    pub is_first: u32,
     pub tissue_moves: u32,
     pub is_last: u32,
 }

@@ -21,6 +21,8 @@ unsafe impl Plain for u32 {}
 // SAFETY: see above.
 unsafe impl Plain for f32 {}
 // SAFETY: see above.
+unsafe impl Plain for f64 {}
+// SAFETY: see above.
 unsafe impl<T: Plain, const N: usize> Plain for [T; N] {}
 // SAFETY: `repr(C)` numbers.
 unsafe impl Plain for super::layout::Law {}

@@ -9,7 +9,7 @@ use std::mem::offset_of;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
-use super::contact::{ContactSurface, Plan, Room};
+use super::contact::{ContactSurface, Plan, Prepared, Room};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::Kernels;
@@ -226,11 +226,9 @@ impl CudaSolver {
                 stream,
             );
             device.driver.check(status, "recording a step")?;
-            if contact.tools > 0 {
-                self.contact.list(&self.kernels, &self.stream, &mut self.state.pass(start, 1, false))?;
-            }
             for substep in 1..=substeps {
                 let mut pass = self.state.pass(start, substep, substep == substeps);
+                self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
                 let arguments = &mut [pointer(&mut pass)];
                 self.kernels.substep.launch(
                     device,
@@ -388,14 +386,15 @@ impl Solver for CudaSolver {
         self.mirror.replace(None);
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
-        let (contact, tools) = self.contact.plan(plan.tools, plan.substeps)?;
+        let Prepared { plan: contact, tools, margin } =
+            self.contact.prepare(plan.tools, plan.substeps, self.speed, plan.gravity.norm(), duration)?;
         let mut step = Step {
             dt: plan.dt as f32,
             keep: (1.0 / (1.0 + plan.drag_per_s * plan.dt)) as f32,
             gravity: [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32),
             sequence,
             tool_count: contact.tools,
-            margin: self.contact.margin(plan.tools, self.speed, plan.gravity.norm(), duration) as f32,
+            margin: margin as f32,
             duration: duration as f32,
             push_limit: self.contact.push_limit() as f32,
             may_jump: u32::from(self.contact.may_jump(plan.tools, self.speed, plan.dt)),
@@ -419,6 +418,7 @@ impl Solver for CudaSolver {
         let taken = if has_diverged { report.diverged_at - 1 } else { plan.substeps };
         self.state.current = (start + taken as usize) % 2;
         if has_diverged {
+            self.contact.lose_track();
             self.state.v.iter().try_for_each(Buffer::clear)?;
         }
         self.dropped = self.dropped_before + u64::from(report.dropped_points);
@@ -476,6 +476,7 @@ impl Solver for CudaSolver {
             let _ = self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32]));
         }
         self.speed = self.speed.max(velocity.norm());
+        self.contact.lose_track();
         self.mirror.replace(None);
     }
 

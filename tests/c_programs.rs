@@ -60,7 +60,7 @@ fn the_example_feels_more_force_the_deeper_it_presses() {
     let Some(program) = example(&dir) else { return };
     let output = run(Command::new(program).current_dir(&dir));
     let table = String::from_utf8_lossy(&output.stdout);
-    for word in ["nodes", "real-time factor", "peak force", "indentation"] {
+    for word in ["runs on           CPU", "nodes", "real-time factor", "peak force", "indentation"] {
         assert!(table.contains(word), "'{word}' is missing in\n{table}");
     }
 

@@ -40,6 +40,16 @@ fn ports_work_while_the_simulation_steps() {
 }
 
 #[test]
+fn every_backend_answers_and_the_processor_serves() {
+    if let Some(said) = run_c("backends") {
+        assert!(
+            said.contains("\ncpu: cpu, device -1, CPU, 1 thread; \n") && said.ends_with("\nbackends: ok\n"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 #[cfg(all(target_os = "linux", target_env = "gnu"))] // replaces glibc's allocator functions
 fn real_time_calls_allocate_nothing() {
     let Some(compiler) = c_compiler() else { return };

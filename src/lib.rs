@@ -2,12 +2,12 @@
 //!
 //! ```text
 //!  host servo thread                    owner's thread                       host render thread
-//!  tool pose ──▶ channel::latest ──▶  sim::Sim::step ──▶ solver (cpu)
+//!  tool pose ──▶ channel::latest ──▶  sim::Sim::step ──▶ solver (cpu, cuda)
 //!  force     ◀── channel::latest ◀──        │
 //!                                           └──────────── sim::SurfacePort::map ──▶ vertices, normals
 //! ```
 //!
-//! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] where it is computed; [`sim`] who
+//! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed; [`sim`] who
 //! drives; [`channel`] how threads meet. [`capi`] is the C interface over all of it, and nothing imports it. What the tissue
 //! obeys is described in [`model::law`].
 //!

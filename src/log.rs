@@ -5,7 +5,7 @@
 //! only when it fails.
 
 use crate::model::Model;
-use crate::sim::SimDesc;
+use crate::sim::{Place, SimDesc};
 use crate::solver::statistics::Statistics;
 
 /// How much a line matters.
@@ -81,14 +81,19 @@ pub fn loose_line(model: &Model) -> Option<String> {
     ))
 }
 
+/// One line about why a simulation that would take a GPU has none; none where it has, or asked for none.
+pub fn fallback_line(place: &Place) -> Option<String> {
+    place.fallback.as_ref().map(|why| format!("simulation: the processor is taken: {why}"))
+}
+
 /// One line about a simulation that was just created.
-pub fn sim_line(desc: &SimDesc, now: &Statistics) -> String {
+pub fn sim_line(desc: &SimDesc, place: &Place, now: &Statistics) -> String {
     let substeps = desc.substeps.map_or_else(
         || format!("{} or more", (desc.step_s / now.stable_substep_s).ceil()),
         |fixed| fixed.to_string(),
     );
     format!(
-        "simulation: steps of {:.3} ms, largest stable substep {:.4} ms, {substeps} substeps a step, \
+        "simulation on {place}: steps of {:.3} ms, largest stable substep {:.4} ms, {substeps} substeps a step, \
          {:?} precision, {} KiB of nodes",
         desc.step_s * 1e3,
         now.stable_substep_s * 1e3,

@@ -40,6 +40,16 @@ fn ports_work_while_the_simulation_steps() {
 }
 
 #[test]
+fn every_backend_answers_and_the_processor_serves() {
+    if let Some(said) = run_c("backends") {
+        assert!(
+            said.contains("\ncpu: cpu, device -1, CPU, 1 thread; \n") && said.ends_with("\nbackends: ok\n"),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 #[cfg(all(target_os = "linux", target_env = "gnu"))] // replaces glibc's allocator functions
 fn real_time_calls_allocate_nothing() {
     let Some(compiler) = c_compiler() else { return };
@@ -60,7 +70,7 @@ fn the_example_feels_more_force_the_deeper_it_presses() {
     let Some(program) = example(&dir) else { return };
     let output = run(Command::new(program).current_dir(&dir));
     let table = String::from_utf8_lossy(&output.stdout);
-    for word in ["nodes", "real-time factor", "peak force", "indentation"] {
+    for word in ["runs on           CPU", "nodes", "real-time factor", "peak force", "indentation"] {
         assert!(table.contains(word), "'{word}' is missing in\n{table}");
     }
 

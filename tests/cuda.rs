@@ -9,7 +9,7 @@ use palpate::math::{Pose, Vec3};
 use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
-use palpate::sim::{Backend, NodeField, Precision, Sim, SimDesc, SurfaceField, ToolPort};
+use palpate::sim::{Backend, NodeField, Place, Precision, Sim, SimDesc, SurfaceField, ToolPort};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
 /// Relative difference of displacements after a thousand substeps in single precision, at strains of some percent.
@@ -91,6 +91,29 @@ fn without_a_gpu_the_error_says_why() {
         assert!(matches!(error, Error::NoDevice(_)), "{error}");
         assert!(error.to_string().len() > "no GPU: ".len());
     }
+}
+
+#[test]
+fn auto_takes_the_gpu_that_there_is_or_says_why_not() {
+    let model = block(0.45, 0.0);
+    let place = simulation(&model, Backend::Auto, Precision::Single).place().clone();
+    match Device::open(None) {
+        Ok(device) => {
+            let index = Some(device.info().index);
+            let name = device.info().name.clone();
+            assert_eq!(place, Place { backend: Backend::Cuda { index }, device: name, fallback: None });
+        }
+        Err(error) => {
+            assert_eq!(place.backend, Backend::Cpu);
+            assert_eq!(place.fallback, Some(error.to_string()));
+        }
+    }
+
+    // No GPU does this.
+    let place = simulation(&model, Backend::Auto, Precision::Double).place().clone();
+    assert_eq!(place.backend, Backend::Cpu);
+    assert!(place.fallback.unwrap().contains("single precision"));
+    assert_eq!(simulation(&model, Backend::Cpu, Precision::Single).place().fallback, None);
 }
 
 #[test]

@@ -10,16 +10,18 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 12] = [
+const SOURCES: [&str; 14] = [
     "version",
     "status",
     "types/mod",
     "types/model",
+    "types/device",
     "types/sim",
     "types/tool",
     "types/surface",
     "preset",
     "model",
+    "device",
     "sim",
     "tool",
     "surface",

@@ -108,6 +108,19 @@ fn force_is_zero_before_contact_and_rises_with_indentation() {
 }
 
 #[test]
+fn the_table_tells_where_the_tissue_was_computed() {
+    let out = tempfile::tempdir().unwrap();
+    let told = |more: &[&str]| run(out.path(), &[&["--no-pictures"], more].concat());
+    let plain = told(&["--threads", "1"]).unwrap();
+    assert!(plain.contains("CPU, 1 thread ") && !plain.contains("not on a GPU"), "{plain}");
+    // Double precision runs nowhere but on the processor.
+    let fallen_back = told(&["--backend", "auto", "--f64"]).unwrap();
+    assert!(fallen_back.contains("CPU") && fallen_back.contains("single precision"), "{fallen_back}");
+    let error = told(&["--backend", "cuda", "--f64"]).unwrap_err();
+    assert!(palpation::sentence(&error).contains("single precision"), "{error}");
+}
+
+#[test]
 fn a_mistake_is_answered_with_a_sentence() {
     let out = tempfile::tempdir().unwrap();
     let sentence = |more: &[&str]| palpation::sentence(&run(out.path(), more).unwrap_err());

@@ -83,11 +83,11 @@ int main(int argc, char **argv) {
     }
     fclose(csv);
 
-    plp_statistics now;
-    plp_energy energy;
+    plp_statistics now; plp_energy energy; plp_place place;
+    check(plp_sim_get_place(sim, &place, sizeof place));
     check(plp_sim_get_statistics(sim, &now, sizeof now));
     check(plp_sim_get_energy(sim, &energy, sizeof energy));
-    printf("nodes             %llu\n", (unsigned long long)now.node_count);
+    printf("runs on           %s\nnodes             %llu\n", place.name, (unsigned long long)now.node_count);
     printf("substeps per step %u\nreal-time factor  %.2f\n", now.substeps_per_step, now.real_time_factor);
     printf("peak force        %.3f N\nindentation       %.1f mm\n", peak, 1e3 * indentation);
     printf("elastic energy    %.4f J\n", energy.elastic_j);

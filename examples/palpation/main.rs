@@ -57,6 +57,7 @@ pub fn run(options: &Options) -> anyhow::Result<Table> {
     let direction = options.direction.map_or(-Vec3::y(), |d| d.normalize());
     let model = Arc::new(anatomy::build(options, direction, &bar("building")?)?);
     let desc = SimDesc {
+        backend: options.backend(),
         precision: if options.f64 { Precision::Double } else { Precision::Single },
         threads: options.threads,
         sleeping: !options.no_sleep,
@@ -81,7 +82,7 @@ pub fn run(options: &Options) -> anyhow::Result<Table> {
         let subject = picture::Subject { model: &model, tool: &tool, direction, before, pressed };
         picture::write_all(&subject, out, &bar)?;
     }
-    Ok(report::table(options, &model, &tool, &plan, &record))
+    Ok(report::table(options, &model, sim.place(), &tool, &plan, &record))
 }
 
 /// A progress bar, which shows nothing where there is no terminal.

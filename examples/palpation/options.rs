@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, bail};
 use clap::{Parser, ValueEnum};
 use palpate::math::Vec3;
+use palpate::sim::Backend;
 
 /// Presses a tool into soft tissue, prints one table and writes pictures, a plot and the run as CSV.
 #[derive(Clone, Debug, Parser)]
@@ -54,6 +55,10 @@ pub struct Options {
     #[arg(long, value_name = "MU", default_value_t = 0.2)]
     pub friction: f64,
 
+    /// Where the tissue is computed
+    #[arg(long, value_enum, default_value_t = BackendKind::Cpu)]
+    pub backend: BackendKind,
+
     /// Threads that compute; 0 for one on each core
     #[arg(long, value_name = "COUNT", default_value_t = 0)]
     pub threads: usize,
@@ -86,7 +91,27 @@ pub enum ToolKind {
     Box,
 }
 
+/// Where the tissue is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum BackendKind {
+    /// On a GPU that can, or else on the processor
+    Auto,
+    /// On the processor
+    Cpu,
+    /// On an NVIDIA GPU
+    Cuda,
+}
+
 impl Options {
+    /// The library's word for where to compute.
+    pub fn backend(&self) -> Backend {
+        match self.backend {
+            BackendKind::Auto => Backend::Auto,
+            BackendKind::Cpu => Backend::Cpu,
+            BackendKind::Cuda => Backend::Cuda { index: None },
+        }
+    }
+
     /// Refuses sizes that make no sense before anything is built.
     pub fn check(&self) -> anyhow::Result<()> {
         let positive = [

@@ -6,6 +6,7 @@ use std::path::Path;
 use anyhow::Context;
 use comfy_table::{Table, presets};
 use palpate::model::Model;
+use palpate::sim::Place;
 
 use super::options::Options;
 use super::press::{Plan, Record, Row};
@@ -44,7 +45,14 @@ pub fn write_csv(rows: &[Row], path: &Path) -> anyhow::Result<()> {
 }
 
 /// The table of a run.
-pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record: &Record) -> Table {
+pub fn table(
+    options: &Options,
+    model: &Model,
+    place: &Place,
+    tool: &Tool,
+    plan: &Plan,
+    record: &Record,
+) -> Table {
     let lattice = model.lattice();
     let mut table = Table::new();
     table.load_style(presets::UTF8_FULL_CONDENSED);
@@ -73,6 +81,10 @@ pub fn table(options: &Options, model: &Model, tool: &Tool, plan: &Plan, record:
     // The computation.
     let last = record.rows.last().map(|r| r.statistics).unwrap_or_default();
     let highest = |value: &dyn Fn(&Row) -> f64| record.rows.iter().map(value).fold(f64::MIN, f64::max);
+    row("runs on", place.to_string());
+    if let Some(why) = &place.fallback {
+        row("not on a GPU", why.clone());
+    }
     row("arithmetic", if options.f64 { "64 bit" } else { "32 bit" }.to_owned());
     row(
         "step, stable substep",

@@ -88,6 +88,16 @@
 /// A log line that a user should act on, or know before trusting a result.
 #define PLP_LOG_WARNING 1
 
+/// A simulation runs on the processor, which does all that the library can do.
+#define PLP_BACKEND_CPU 0
+
+/// A simulation runs on an NVIDIA GPU, in single precision, or is not created.
+#define PLP_BACKEND_CUDA 1
+
+/// A simulation runs on the first NVIDIA GPU that can run it, otherwise on the processor; plp_sim_get_place says why.
+/// This is decided once, by plp_sim_create: what a GPU refuses later stays refused.
+#define PLP_BACKEND_AUTO 2
+
 /// A label's voxels become nothing: air, gas, outside.
 #define PLP_USE_EMPTY 0
 
@@ -192,7 +202,7 @@ typedef struct plp_tool plp_tool;
 
 /// What a call answers: 0 on success, negative on error, positive on success with a remark.
 /// A call that answers an error has written none of its outputs, and changed nothing unless it was the
-/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_PANIC.
+/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_DEVICE, PLP_ERR_PANIC.
 typedef int32_t plp_status;
 
 /// An isotropic, linearly elastic material at small strain.
@@ -416,6 +426,22 @@ typedef struct {
     uint32_t reserved;
 } plp_model_info;
 
+/// A GPU as its driver describes it.
+typedef struct {
+    /// Its name, UTF-8, ended by NUL.
+    char name[128];
+    /// Its memory in bytes, in use or not.
+    uint64_t memory_bytes;
+    /// Its compute capability, the number before the point.
+    uint32_t capability_major;
+    /// Its compute capability, the number behind the point.
+    uint32_t capability_minor;
+    /// 1 where simulations can run on it; 0 where its compute capability is too low.
+    uint32_t is_supported;
+    /// Always 0.
+    uint32_t reserved;
+} plp_device_info;
+
 /// How a simulation runs. Fill it with plp_sim_desc_init (or plp_sim_desc_default), then change what you
 /// need.
 typedef struct {
@@ -423,9 +449,13 @@ typedef struct {
     uint32_t struct_size;
     /// PLP_SIM_SLEEPING and so on, or'ed.
     uint32_t flags;
+    /// Where it runs: PLP_BACKEND_CPU (default), PLP_BACKEND_CUDA or PLP_BACKEND_AUTO.
+    uint32_t backend;
+    /// CUDA: which GPU, from 0 to plp_device_count() - 1; -1 (default) takes the first that can. -1 for all others.
+    int32_t device;
     /// PLP_PRECISION_SINGLE (default) or PLP_PRECISION_DOUBLE.
     uint32_t precision;
-    /// Threads that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
+    /// Threads of the processor that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
     /// core to a servo thread.
     uint32_t threads;
     /// Simulated length of a step in seconds (default 0.001).
@@ -476,6 +506,18 @@ typedef struct {
     /// Material of the tissue, from 1.
     uint32_t material;
 } plp_pick;
+
+/// Where a simulation runs.
+typedef struct {
+    /// PLP_BACKEND_CPU or PLP_BACKEND_CUDA.
+    uint32_t backend;
+    /// The GPU's number, as for plp_device_get; -1 on the processor.
+    int32_t device;
+    /// The GPU's name; on the processor, how many threads compute. UTF-8, ended by NUL.
+    char name[128];
+    /// Why PLP_BACKEND_AUTO took the processor: a sentence in UTF-8, ended by NUL. Empty where it did not.
+    char fallback[1024];
+} plp_place;
 
 /// How a simulation is doing.
 typedef struct {
@@ -678,7 +720,8 @@ typedef struct {
 /// No GPU that can be used, or no driver for it. The message says why.
 #define PLP_ERR_NO_DEVICE -401
 
-/// The GPU or its driver failed. The simulation is lost and can only be destroyed; a new one may run on the processor.
+/// The GPU or its driver failed. A simulation that ran on it is lost and can only be destroyed; a new one may run
+/// on the processor.
 #define PLP_ERR_DEVICE -402
 
 /// A defect of the library, contained. The message says where; please report it.
@@ -701,8 +744,15 @@ uint32_t plp_abi_version(void);
 /// @thread any
 const char *plp_version_string(void);
 
-/// Whether the library can do something: 1 or 0. Known names are "lattice" (the lattice tissue model) and
-/// "double" (PLP_PRECISION_DOUBLE); names that this version does not know, and NULL, answer 0.
+/// How the library was built, for reports: "kernels prebuilt", where the GPU's kernels came with the sources, or "kernels built
+/// with nvcc". Static memory.
+///
+/// @thread any
+const char *plp_build_string(void);
+
+/// Whether the library can do something: 1 or 0. Known names are "lattice" (the lattice tissue model),
+/// "double" (PLP_PRECISION_DOUBLE) and "cuda" (PLP_BACKEND_CUDA, where plp_device_count() finds a GPU); names that this version does
+/// not know, and NULL, answer 0.
 ///
 /// @thread any
 int32_t plp_has(const char *feature);
@@ -762,16 +812,31 @@ plp_status plp_model_get_info(const plp_model *model, plp_model_info *info, uint
 /// @thread any
 plp_status plp_model_get_material(const plp_model *model, uint32_t index, plp_material *material);
 
+/// How many NVIDIA GPUs there are. 0 where there is none, or no driver that works; plp_last_error() then says
+/// why. The driver is looked for once in the life of a program, by the first call that needs it.
+///
+/// @thread any
+uint32_t plp_device_count(void);
+
+/// Describes a GPU by its number, from 0 to plp_device_count() - 1; nothing is taken up on it. Answers
+/// PLP_ERR_NO_DEVICE where there is none at all. info_size is sizeof(plp_device_info).
+///
+/// @thread any
+plp_status plp_device_get(uint32_t index, plp_device_info *info, uint32_t info_size);
+
 /// Fills a desc with defaults. desc_size is sizeof(plp_sim_desc).
 ///
 /// @thread any
 plp_status plp_sim_desc_init(plp_sim_desc *desc, uint32_t desc_size);
 
 /// Creates a simulation of a model, at rest at time 0. desc may be NULL for defaults (@nullable desc). The
-/// simulation is the caller's, to be given to plp_sim_destroy; the model may be destroyed before it.
+/// simulation is the caller's, to be given to plp_sim_destroy; the model may be destroyed before it. On a GPU it may answer
+/// PLP_ERR_NO_DEVICE, PLP_ERR_DEVICE, PLP_ERR_LIMIT (memory) or PLP_ERR_UNSUPPORTED (double precision).
 ///
 /// @thread any
-plp_status plp_sim_create(const plp_model *model, const plp_sim_desc *desc, plp_sim **sim);
+plp_status plp_sim_create(const plp_model *model,
+                          const plp_sim_desc *desc,
+                          plp_sim **sim);
 
 /// Ends a simulation. Its tools and surfaces stay valid handles that answer PLP_STOPPED until they are
 /// destroyed. NULL is fine.
@@ -828,6 +893,11 @@ plp_status plp_sim_drive_region(plp_sim *sim, uint32_t label, const plp_pose *mo
 ///
 /// @thread owner
 plp_status plp_sim_pick(const plp_sim *sim, const double *origin_m, const double *direction, plp_pick *pick);
+
+/// Where the simulation runs, and why not on a GPU. place_size is sizeof(plp_place).
+///
+/// @thread owner
+plp_status plp_sim_get_place(const plp_sim *sim, plp_place *place, uint32_t place_size);
 
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///
@@ -912,8 +982,8 @@ plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 
 /// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
 /// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
-/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
-/// where there never was one. view_size is sizeof(plp_surface_view).
+/// do not change, until plp_surface_unmap. When the simulation, or its GPU, is gone it answers PLP_STOPPED with the last frame, or
+/// PLP_ERR_STATE where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 plp_status plp_surface_map(plp_surface *surface,

@@ -4,9 +4,13 @@ use nalgebra as na;
 
 use super::boundary::{fill_text, read_text};
 use super::status::{Fault, PLP_ERR_UNSUPPORTED};
-use super::types::{plp_box, plp_material, plp_motion, plp_pose};
+use super::types::{
+    PLP_BACKEND_AUTO, PLP_BACKEND_CPU, PLP_BACKEND_CUDA, plp_box, plp_material, plp_motion, plp_place,
+    plp_pose,
+};
 use crate::math::{Pose, Quat, Vec3};
 use crate::model::material::Material;
+use crate::sim::{Backend, Place};
 use crate::solver::tool::ToolMotion;
 
 /// The pose in a host's struct, its quaternion normalised. `None` when it is not finite or its quaternion is
@@ -77,6 +81,33 @@ pub(super) fn vector(from: &[f64; 3], what: &str) -> Result<Vec3, Fault> {
     } else {
         Err(Fault::argument(format!("{what} {from:?} is not finite")))
     }
+}
+
+/// The backend that a host asks for.
+pub(super) fn backend(backend: u32, device: i32) -> Result<Backend, Fault> {
+    match (backend, device) {
+        (PLP_BACKEND_CPU, -1) => Ok(Backend::Cpu),
+        (PLP_BACKEND_AUTO, -1) => Ok(Backend::Auto),
+        (PLP_BACKEND_CUDA, -1) => Ok(Backend::Cuda { index: None }),
+        (PLP_BACKEND_CUDA, index @ 0..) => Ok(Backend::Cuda { index: Some(index as u32) }),
+        (PLP_BACKEND_CUDA, other) => {
+            Err(Fault::argument(format!("device {other} is neither the number of a GPU nor -1")))
+        }
+        (PLP_BACKEND_CPU | PLP_BACKEND_AUTO, other) => {
+            Err(Fault::argument(format!("device {other} can only be chosen for PLP_BACKEND_CUDA")))
+        }
+        (other, _) => Err(Fault::argument(format!("backend {other} is no PLP_BACKEND_ value"))),
+    }
+}
+
+/// A simulation's place for a host.
+pub(super) fn place_out(place: &Place) -> plp_place {
+    let (backend, device) = match place.backend {
+        Backend::Cuda { index: Some(index) } => (PLP_BACKEND_CUDA, index as i32),
+        _ => (PLP_BACKEND_CPU, -1),
+    };
+    let fallback = place.fallback.as_deref().unwrap_or_default();
+    plp_place { backend, device, name: fill_text(&place.device), fallback: fill_text(fallback) }
 }
 
 /// A checked material.

@@ -10,7 +10,7 @@
 //! | `boundary` | panics stop here; descs and arrays are copied in, values are copied out |
 //! | `handle` | opaque pointers that survive misuse |
 //! | `convert` | between the structs of the header and the types of the crate |
-//! | [`version`], [`preset`], [`model`], [`sim`], [`tool`], [`surface`] | the functions of one noun |
+//! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`tool`], [`surface`] | the functions of one noun |
 
 // The header's names, which are C's.
 #![allow(non_camel_case_types)]
@@ -20,6 +20,7 @@
 
 mod boundary;
 mod convert;
+pub mod device;
 mod handle;
 pub mod model;
 pub mod preset;

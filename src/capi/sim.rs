@@ -9,7 +9,7 @@ use parking_lot::Mutex;
 use super::boundary::{
     Desc, boundary, check_out, check_output, init_desc, panic_fault, read_desc, read_list, write_output,
 };
-use super::convert::{check_bits, oriented_box, pose, vector};
+use super::convert::{backend, check_bits, oriented_box, place_out, pose, vector};
 use super::handle::{self, Handle};
 use super::model::log_of;
 use super::status::{
@@ -18,7 +18,7 @@ use super::status::{
 use super::types::*;
 use crate::error::Error;
 use crate::log::{self, Log};
-use crate::sim::{Backend, LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
+use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
 use crate::solver::load::{Load, Region};
 
 /// What a `plp_sim` stands for.
@@ -60,7 +60,7 @@ impl Handle for plp_sim {
     type Body = SimBody;
 }
 
-/// Runs a call of the simulation's owner: alone on the handle, and with panics poisoning the simulation.
+/// Runs a call of the simulation's owner: alone on the handle, with panics poisoning the simulation, and not at all on a lost device.
 pub(super) fn with_sim(
     sim: *const plp_sim,
     call: impl FnOnce(&mut SimBody) -> Result<plp_status, Fault>,
@@ -71,6 +71,7 @@ pub(super) fn with_sim(
     }
     let done = catch_unwind(AssertUnwindSafe(|| {
         body.remove_departed();
+        body.sim.check()?;
         call(&mut body)
     }));
     done.unwrap_or_else(|panic| {
@@ -117,7 +118,8 @@ pub unsafe extern "C" fn plp_sim_desc_init(desc: *mut plp_sim_desc, desc_size: u
 }
 
 /// Creates a simulation of a model, at rest at time 0. desc may be NULL for defaults (@nullable desc). The
-/// simulation is the caller's, to be given to plp_sim_destroy; the model may be destroyed before it.
+/// simulation is the caller's, to be given to plp_sim_destroy; the model may be destroyed before it. On a GPU it may answer
+/// PLP_ERR_NO_DEVICE, PLP_ERR_DEVICE, PLP_ERR_LIMIT (memory) or PLP_ERR_UNSUPPORTED (double precision).
 ///
 /// @thread any
 #[unsafe(no_mangle)]
@@ -139,7 +141,11 @@ pub unsafe extern "C" fn plp_sim_create(
 
         let created = Sim::new(model.model.clone(), &settings)?;
         let mut log = log_of(desc.log, desc.log_user);
-        log.info(|| log::sim_line(&settings, &created.statistics()));
+        let place = created.place();
+        if let Some(line) = log::fallback_line(place) {
+            log.info(|| line);
+        }
+        log.info(|| log::sim_line(&settings, place, &created.statistics()));
 
         let body = SimBody { sim: created, log, tools: Vec::new(), link: Arc::default() };
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
@@ -168,7 +174,7 @@ pub unsafe extern "C" fn plp_sim_step(sim: *mut plp_sim) -> plp_status {
     boundary(|| {
         with_sim(sim, |body| {
             let stepped = body.sim.step();
-            if let Err(error @ Error::Diverged { .. }) = &stepped {
+            if let Err(error @ (Error::Diverged { .. } | Error::Device(_))) = &stepped {
                 body.log.warning(|| error.to_string());
             }
             stepped?;
@@ -342,6 +348,26 @@ pub unsafe extern "C" fn plp_sim_pick(
     })
 }
 
+/// Where the simulation runs, and why not on a GPU. place_size is sizeof(plp_place).
+///
+/// @thread owner
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_sim_get_place(
+    sim: *const plp_sim,
+    place: *mut plp_place,
+    place_size: u32,
+) -> plp_status {
+    boundary(|| {
+        with_sim(sim, |body| {
+            check_output(place, place_size)?;
+            let found = place_out(body.sim.place());
+            // SAFETY: checked above; the host offers `place_size` bytes.
+            unsafe { write_output(place, place_size, &found) };
+            Ok(PLP_OK)
+        })
+    })
+}
+
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///
 /// @thread owner
@@ -394,6 +420,7 @@ pub unsafe extern "C" fn plp_sim_get_energy(
         with_sim(sim, |body| {
             check_output(energy, energy_size)?;
             let now = body.sim.energy();
+            body.sim.check()?;
             let now = plp_energy {
                 kinetic_j: now.kinetic_j,
                 elastic_j: now.elastic_j,
@@ -431,6 +458,7 @@ pub unsafe extern "C" fn plp_sim_get_nodes(
                 }
             };
             let triples: Vec<[f64; 3]> = body.sim.nodes(field).into_iter().map(Into::into).collect();
+            body.sim.check()?;
             // SAFETY: the host offers `capacity` nodes of three doubles, and room for a count.
             unsafe { write_list(&triples, xyz.cast(), capacity, node_count, "xyz") }
         })
@@ -526,7 +554,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         }
     };
     Ok(SimDesc {
-        backend: Backend::Cpu,
+        backend: backend(desc.backend, desc.device)?,
         precision,
         threads: desc.threads as usize,
         step_s: within(desc.step_s, 1e-6, 1.0, "step_s")?,

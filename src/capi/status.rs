@@ -8,7 +8,7 @@ use crate::error::Error;
 
 /// What a call answers: 0 on success, negative on error, positive on success with a remark.
 /// A call that answers an error has written none of its outputs, and changed nothing unless it was the
-/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_PANIC.
+/// simulation that failed: PLP_ERR_DIVERGED, PLP_ERR_DEVICE, PLP_ERR_PANIC.
 pub type plp_status = i32;
 
 /// The call did what was asked.
@@ -50,7 +50,8 @@ pub const PLP_ERR_DIVERGED: plp_status = -301;
 
 /// No GPU that can be used, or no driver for it. The message says why.
 pub const PLP_ERR_NO_DEVICE: plp_status = -401;
-/// The GPU or its driver failed. The simulation is lost and can only be destroyed; a new one may run on the processor.
+/// The GPU or its driver failed. A simulation that ran on it is lost and can only be destroyed; a new one may run
+/// on the processor.
 pub const PLP_ERR_DEVICE: plp_status = -402;
 
 /// A defect of the library, contained. The message says where; please report it.

@@ -7,6 +7,7 @@ use super::handle::{self, Handle};
 use super::sim::{Link, with_sim};
 use super::status::{Fault, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status};
 use super::types::*;
+use crate::error::Error;
 use crate::sim::{SurfaceField, SurfaceFrame, SurfacePort};
 
 /// What a `plp_surface` stands for.
@@ -86,8 +87,8 @@ pub unsafe extern "C" fn plp_surface_set_field(surface: *mut plp_surface, field:
 
 /// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
 /// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
-/// do not change, until plp_surface_unmap. When the simulation is gone it answers PLP_STOPPED with the last frame, or PLP_ERR_STATE
-/// where there never was one. view_size is sizeof(plp_surface_view).
+/// do not change, until plp_surface_unmap. When the simulation, or its GPU, is gone it answers PLP_STOPPED with the last frame, or
+/// PLP_ERR_STATE where there never was one. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 #[unsafe(no_mangle)]
@@ -102,7 +103,10 @@ pub unsafe extern "C" fn plp_surface_map(
         check_unmapped(&body)?;
         // After a failure nothing new is shown.
         let frame = if body.link.is_poisoned() { body.port.last() } else { body.port.map() };
-        let frame = frame.map_err(|error| Fault::new(PLP_ERR_STATE, error.to_string()))?;
+        let frame = frame.map_err(|error| match error {
+            Error::Argument(_) => Fault::new(PLP_ERR_STATE, error.to_string()),
+            other => other.into(),
+        })?;
         let (frame, is_running) = (view_of(&frame), frame.is_running);
         body.is_mapped = true;
         // SAFETY: checked above; the host offers `view_size` bytes.

@@ -24,11 +24,23 @@ pub extern "C" fn plp_version_string() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()
 }
 
-/// What this build can do.
-const FEATURES: [&str; 2] = ["lattice", "double"];
+/// How the library was built, for reports: "kernels prebuilt", where the GPU's kernels came with the sources, or "kernels built
+/// with nvcc". Static memory.
+///
+/// @thread any
+#[unsafe(no_mangle)]
+pub extern "C" fn plp_build_string() -> *const c_char {
+    let build =
+        if cfg!(feature = "build-kernels") { c"kernels built with nvcc" } else { c"kernels prebuilt" };
+    build.as_ptr()
+}
 
-/// Whether the library can do something: 1 or 0. Known names are "lattice" (the lattice tissue model) and
-/// "double" (PLP_PRECISION_DOUBLE); names that this version does not know, and NULL, answer 0.
+/// What this build can do.
+const FEATURES: [&str; 3] = ["lattice", "double", "cuda"];
+
+/// Whether the library can do something: 1 or 0. Known names are "lattice" (the lattice tissue model),
+/// "double" (PLP_PRECISION_DOUBLE) and "cuda" (PLP_BACKEND_CUDA, where plp_device_count() finds a GPU); names that this version does
+/// not know, and NULL, answer 0.
 ///
 /// @thread any
 #[unsafe(no_mangle)]

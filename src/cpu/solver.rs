@@ -158,7 +158,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         self.core.contact.contacts_of(tool as u32, self.core.last_dt).collect()
     }
 
-    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) {
+    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
         surface::publish(
             &self.core.bricks.model,
             index,
@@ -167,6 +167,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             arrays,
             &mut self.workers,
         );
+        Ok(())
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {

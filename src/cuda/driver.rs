@@ -4,13 +4,14 @@
 //! middle of a step. Status codes stay plain integers: a driver newer than the header may return numbers that an enumeration does not
 //! know.
 
+use std::error::Error as _;
 use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::sync::OnceLock;
 
 use cudarc::driver::sys::{
-    CUcontext, CUdevice, CUdeviceptr, CUfunction, CUgraph, CUgraphExec, CUmodule, CUstream, culib,
-    is_culib_present,
+    CUcontext, CUdevice, CUdeviceptr, CUfunction, CUgraph, CUgraphExec, CUmodule, CUstream,
 };
+use libloading::Library;
 
 use crate::error::{Error, Result};
 
@@ -25,12 +26,12 @@ macro_rules! functions {
         impl Driver {
             /// Finds every function, or says which one is missing.
             fn find() -> std::result::Result<Self, String> {
-                // SAFETY: opening the driver's library runs its initialisers, as any CUDA program does.
-                if !unsafe { is_culib_present() } {
-                    return Err("no CUDA driver is installed".into());
-                }
-                // SAFETY: the library was just seen; it stays loaded for ever.
-                let library = unsafe { culib() };
+                let library = open().map_err(|error| {
+                    let why = error.source().map_or_else(|| error.to_string(), ToString::to_string);
+                    format!("no CUDA driver can be loaded: {why}")
+                })?;
+                // It stays loaded for ever, whatever follows: a driver that has begun to work cannot be taken away.
+                let library: &'static Library = Box::leak(Box::new(library));
                 $(
                     // SAFETY: the type is that of the function's declaration in cuda.h.
                     let $name = unsafe {
@@ -44,6 +45,21 @@ macro_rules! functions {
     };
 }
 
+/// Opens the driver's library, by the one name that every driver has: another one may be a stub to link against.
+#[cfg(not(windows))]
+fn open() -> std::result::Result<Library, libloading::Error> {
+    // SAFETY: this runs the library's initialisers, as any CUDA program does.
+    unsafe { Library::new("libcuda.so.1") }
+}
+
+/// Opens the driver's library, from the system's folder alone.
+#[cfg(windows)]
+fn open() -> std::result::Result<Library, libloading::Error> {
+    use libloading::os::windows::{LOAD_LIBRARY_SEARCH_SYSTEM32, Library as WindowsLibrary};
+    // SAFETY: this runs the library's initialisers, as any CUDA program does.
+    unsafe { WindowsLibrary::load_with_flags("nvcuda.dll", LOAD_LIBRARY_SEARCH_SYSTEM32) }.map(Library::from)
+}
+
 functions! {
     init = "cuInit"(c_uint);
     get_error_name = "cuGetErrorName"(c_int, *mut *const c_char);
@@ -51,6 +67,7 @@ functions! {
     device_get = "cuDeviceGet"(*mut CUdevice, c_int);
     device_get_name = "cuDeviceGetName"(*mut c_char, c_int, CUdevice);
     device_get_attribute = "cuDeviceGetAttribute"(*mut c_int, c_int, CUdevice);
+    device_total_mem = "cuDeviceTotalMem_v2"(*mut usize, CUdevice);
     primary_ctx_retain = "cuDevicePrimaryCtxRetain"(*mut CUcontext, CUdevice);
     primary_ctx_release = "cuDevicePrimaryCtxRelease_v2"(CUdevice);
     ctx_push_current = "cuCtxPushCurrent_v2"(CUcontext);
@@ -82,6 +99,12 @@ functions! {
 
 /// "Out of memory" among the driver's status codes.
 const OUT_OF_MEMORY: c_int = 2;
+/// The answer of the library that the toolkit has for linking.
+const STUB: c_int = 34;
+/// No GPU.
+const NO_DEVICE: c_int = 100;
+/// That in words.
+pub const NO_GPU: &str = "the CUDA driver finds no GPU";
 /// "Not ready": what was asked for is still under way.
 const NOT_READY: c_int = 600;
 
@@ -92,11 +115,12 @@ impl Driver {
         let found = DRIVER.get_or_init(|| {
             let driver = Self::find()?;
             // SAFETY: the first call that a program makes.
-            let status = unsafe { (driver.init)(0) };
-            if status != 0 {
-                return Err(format!("the CUDA driver does not start: {}", driver.name_of(status)));
+            match unsafe { (driver.init)(0) } {
+                0 => Ok(driver),
+                STUB => Err("the CUDA driver is only the stub that programs are linked against".into()),
+                NO_DEVICE => Err(NO_GPU.into()),
+                status => Err(format!("the CUDA driver does not start: {}", driver.name_of(status))),
             }
-            Ok(driver)
         });
         found.as_ref().map_err(|why| Error::NoDevice(why.clone()))
     }
@@ -106,18 +130,20 @@ impl Driver {
         match status {
             0 => Ok(()),
             OUT_OF_MEMORY => Err(Error::Limit(format!("{what}: the GPU has too little free memory"))),
+            NO_DEVICE => Err(Error::NoDevice(NO_GPU.into())),
             _ => Err(Error::Device(format!("{what}: {}", self.name_of(status)))),
         }
     }
 
-    /// Whether what was asked of a stream is done.
+    /// Whether a step that was asked of a stream is done. Nobody knows what a step that fails leaves behind: the device counts as
+    /// lost, whatever the status.
     pub fn is_done(&self, stream: CUstream) -> Result<bool> {
         // SAFETY: the caller's stream exists.
-        let status = unsafe { (self.stream_query)(stream) };
-        if status == NOT_READY {
-            return Ok(false);
+        match unsafe { (self.stream_query)(stream) } {
+            0 => Ok(true),
+            NOT_READY => Ok(false),
+            status => Err(Error::Device(format!("a step on the GPU: {}", self.name_of(status)))),
         }
-        self.check(status, "a step on the GPU").map(|()| true)
     }
 
     /// A status code in words.

@@ -58,6 +58,8 @@ pub struct CudaSolver {
     stable_dt: f64,
     /// The host's copy of the nodes, where it is up to date.
     mirror: RefCell<Option<Mirror>>,
+    /// The first failure of a call that has no way to tell it: the state is lost.
+    lost: RefCell<Option<String>>,
 }
 
 /// What lies on the device.
@@ -174,6 +176,7 @@ impl CudaSolver {
             sequence: 0,
             stable_dt: 0.0,
             mirror: RefCell::new(None),
+            lost: RefCell::new(None),
             model: model.clone(),
             kernels,
             stream,
@@ -341,6 +344,15 @@ impl CudaSolver {
         failed.map(|()| omega)
     }
 
+    /// What a call without an error of its own gives: nothing where it failed.
+    fn or_lost<T: Default>(&self, result: Result<T>) -> T {
+        result.unwrap_or_else(|error| {
+            let why = if let Error::Device(why) = error { why } else { error.to_string() };
+            self.lost.borrow_mut().get_or_insert(why);
+            T::default()
+        })
+    }
+
     /// Moves a surface on the device and fetches its arrays.
     fn fill(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
         if self.surfaces[index].is_none() {
@@ -362,9 +374,8 @@ impl CudaSolver {
         if mirror.is_none() {
             let slots = self.state.bricks as usize * BRICK_SLOTS;
             let mut fresh = Mirror { u: vec![[0.0; 4]; slots], v: vec![0.0; 3 * slots] };
-            // A device that is lost answers nothing; the next step says so.
-            let _ = self.state.u[self.state.current].read(0, &mut fresh.u);
-            let _ = self.state.velocities().read(0, &mut fresh.v);
+            self.or_lost(self.state.u[self.state.current].read(0, &mut fresh.u));
+            self.or_lost(self.state.velocities().read(0, &mut fresh.v));
             *mirror = Some(fresh);
         }
         see(mirror.as_ref().expect("the mirror was just filled"))
@@ -433,15 +444,17 @@ impl Solver for CudaSolver {
         })
     }
 
-    fn contacts(&self, tool: usize) -> Vec<Contact> {
-        let Some(&origin) = self.origins.get(tool) else { return Vec::new() };
-        // A device that is lost answers nothing; the next step says so.
-        self.contact.contacts_of(tool as u32, origin, self.last_dt).unwrap_or_default()
+    fn check(&self) -> Result<()> {
+        self.lost.borrow().as_ref().map_or(Ok(()), |why| Err(Error::Device(why.clone())))
     }
 
-    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) {
-        // A device that is lost leaves the arrays as they are; the next step says so.
-        let _ = self.fill(surface, field, arrays);
+    fn contacts(&self, tool: usize) -> Vec<Contact> {
+        let Some(&origin) = self.origins.get(tool) else { return Vec::new() };
+        self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt))
+    }
+
+    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
+        self.fill(surface, field, arrays)
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
@@ -462,7 +475,7 @@ impl Solver for CudaSolver {
     }
 
     fn halt(&mut self) {
-        let _ = self.state.v.iter().try_for_each(Buffer::clear);
+        self.or_lost(self.state.v.iter().try_for_each(Buffer::clear));
         self.mirror.replace(None);
     }
 
@@ -470,10 +483,10 @@ impl Solver for CudaSolver {
         let word = self.model.lattice().words()[slot as usize];
         let [x, y, z] = [0, 1, 2].map(|axis| displacement[axis] as f32);
         let u = [[x, y, z, f32::from_bits(word)]];
-        let _ = self.state.u.iter().try_for_each(|copy| copy.write(slot as usize, &u));
+        self.or_lost(self.state.u.iter().try_for_each(|copy| copy.write(slot as usize, &u)));
         for axis in 0..3 {
             let at = number(slot as usize, axis);
-            let _ = self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32]));
+            self.or_lost(self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32])));
         }
         self.speed = self.speed.max(velocity.norm());
         self.contact.lose_track();
@@ -488,15 +501,16 @@ impl Solver for CudaSolver {
             self.state.v.iter().try_for_each(|copy| copy.write(0, &v))?;
             Ok(a)
         });
-        // A device that is lost answers nothing; the next step says so.
-        let a = found.unwrap_or_else(|_| vec![0.0; 3 * slots]);
+        let mut a = self.or_lost(found);
+        a.resize(3 * slots, 0.0);
         (0..slots).map(|slot| Vec3::from_fn(|axis, _| f64::from(a[number(slot, axis)]))).collect()
     }
 
     fn wake(&mut self) {}
 
     fn reset(&mut self) {
-        let _ = self.rest();
+        let rested = self.rest();
+        self.or_lost(rested);
     }
 
     fn node_bytes(&self) -> u64 {

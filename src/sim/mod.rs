@@ -3,6 +3,7 @@
 //! A [`Sim`] is driven by its owner, one thread at a time. A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 
+mod backend;
 mod pick;
 mod state;
 mod surface_port;
@@ -12,6 +13,7 @@ use std::sync::Arc;
 
 use parking_lot::Mutex;
 
+pub use self::backend::{Backend, Place};
 pub use self::pick::Pick;
 pub use self::surface_port::{SurfaceFrame, SurfacePort};
 pub use self::tool_port::ToolPort;
@@ -33,19 +35,6 @@ pub enum Precision {
     Single,
     /// 64-bit floating point.
     Double,
-}
-
-/// Where a simulation runs.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Backend {
-    /// On the processor.
-    #[default]
-    Cpu,
-    /// On a GPU, in single precision.
-    Cuda {
-        /// Which one; `None` takes the first that the kernels run on.
-        index: Option<u32>,
-    },
 }
 
 /// How a simulation runs.
@@ -143,6 +132,7 @@ pub enum NodeField {
 #[derive(Debug)]
 pub struct Sim {
     model: Arc<Model>,
+    place: Place,
     /// The renderers' ports wait here for a step to end; `None` once the simulation is gone.
     state: Arc<Mutex<Option<State>>>,
 }
@@ -151,8 +141,21 @@ impl Sim {
     /// A simulation at rest.
     pub fn new(model: Arc<Model>, desc: &SimDesc) -> Result<Self> {
         desc.check()?;
-        let state = State::new(model.clone(), desc.clone())?;
-        Ok(Self { model, state: Arc::new(Mutex::new(Some(state))) })
+        let (solver, place) = backend::open(&model, desc)?;
+        let state = State::new(model.clone(), desc.clone(), solver)?;
+        Ok(Self { model, place, state: Arc::new(Mutex::new(Some(state))) })
+    }
+
+    /// Where it runs.
+    pub fn place(&self) -> &Place {
+        &self.place
+    }
+
+    /// Whether the simulation still has its device; [`Error::Device`] once any call found that the GPU was lost. Every further step
+    /// then fails in the same way, tools feel nothing, and [`Self::nodes`] and [`Self::energy`] mean nothing, from the call on that
+    /// found it. A reset does not help; a new simulation may run elsewhere.
+    pub fn check(&self) -> Result<()> {
+        self.with(State::check)
     }
 
     /// The model.
@@ -200,7 +203,8 @@ impl Sim {
         self.with(|state| state.settle(tolerance_m_s2, max_substeps))
     }
 
-    /// Back to the rest state at time 0: rigid regions at their rest places, tools without force. Loads, tools and gravity stay.
+    /// Back to the rest state at time 0: rigid regions at their rest places, tools without force. Loads, tools and gravity stay. A
+    /// simulation whose GPU was lost stays as it is.
     pub fn reset(&mut self) {
         self.with(State::reset);
     }
@@ -244,7 +248,10 @@ impl Sim {
         let direction = direction
             .try_normalize(1e-12)
             .ok_or_else(|| Error::argument("the direction of a ray must not be zero"))?;
-        Ok(self.with(|state| state.pick(origin_m, direction)))
+        self.with(|state| {
+            let pick = state.pick(origin_m, direction);
+            state.check().map(|()| pick)
+        })
     }
 
     /// A nodal quantity for every node, in the order of [`Lattice::slots`](crate::model::lattice::Lattice::slots) `[node_count]`.

@@ -5,11 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::tool_port::{self, ToolEnd, ToolPort};
-use super::{Backend, LoadId, MAX_SUBSTEPS, MAX_THREADS, MAX_TOOLS, NodeField, Precision, SimDesc, ToolId};
-use crate::cpu::solver::CpuSolver;
+use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
-use crate::cuda::device::Device;
-use crate::cuda::solver::CudaSolver;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
@@ -46,6 +43,8 @@ pub(super) struct State {
     statistics: Statistics,
     tool_work_j: f64,
     diverged_at: Option<f64>,
+    /// Why the device is lost.
+    lost: Option<String>,
     /// Tools of the last plan, and their indices in `tools`.
     steps: Vec<ToolStep>,
     planned: Vec<usize>,
@@ -54,19 +53,7 @@ pub(super) struct State {
 }
 
 impl State {
-    pub fn new(model: Arc<Model>, desc: SimDesc) -> Result<Self> {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
-        let solver: Box<dyn Solver> = match (desc.backend, desc.precision) {
-            (Backend::Cpu, Precision::Single) => Box::new(CpuSolver::<f32>::new(&model, threads)?),
-            (Backend::Cpu, Precision::Double) => Box::new(CpuSolver::<f64>::new(&model, threads)?),
-            (Backend::Cuda { index }, Precision::Single) => {
-                Box::new(CudaSolver::new(&model, Device::open(index)?)?)
-            }
-            (Backend::Cuda { .. }, Precision::Double) => {
-                return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
-            }
-        };
+    pub fn new(model: Arc<Model>, desc: SimDesc, solver: Box<dyn Solver>) -> Result<Self> {
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
         let mut state = Self {
@@ -89,6 +76,7 @@ impl State {
             report: StepReport::default(),
             tool_work_j: 0.0,
             diverged_at: None,
+            lost: None,
             steps: Vec::with_capacity(MAX_TOOLS),
             planned: Vec::with_capacity(MAX_TOOLS),
             moved_regions: Vec::with_capacity(model.regions().len()),
@@ -109,6 +97,7 @@ impl State {
     }
 
     pub fn add_tool(&mut self, desc: &ToolDesc) -> Result<ToolPort> {
+        self.check()?;
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
@@ -131,7 +120,7 @@ impl State {
     }
 
     pub fn step(&mut self) -> Result<()> {
-        self.refuse_if_diverged()?;
+        self.refuse_if_failed()?;
         let started = Instant::now();
         let (substeps, dt) = self.note_substeps();
         self.take_motions();
@@ -150,7 +139,7 @@ impl State {
     }
 
     pub fn settle(&mut self, tolerance: f64, max_substeps: u64) -> Result<f64> {
-        self.refuse_if_diverged()?;
+        self.refuse_if_failed()?;
         self.take_motions();
         // Regions and tools arrive within the first block, then stay.
         let mut taken = 0;
@@ -185,6 +174,9 @@ impl State {
     }
 
     pub fn reset(&mut self) {
+        if self.check().is_err() {
+            return;
+        }
         self.solver.reset();
         self.diverged_at = None;
         self.report = StepReport::default();
@@ -235,11 +227,12 @@ impl State {
         Ok(())
     }
 
-    pub fn contacts(&self, id: ToolId) -> Result<Vec<Contact>> {
+    pub fn contacts(&mut self, id: ToolId) -> Result<Vec<Contact>> {
         let index = self.tool_index(id)?;
         let Some(planned) = self.planned.iter().position(|&p| p == index) else { return Ok(Vec::new()) };
         let frame = self.model.frame();
         let mut contacts = self.solver.contacts(planned);
+        self.check()?;
         for contact in &mut contacts {
             contact.point_m = frame.transform_point(&contact.point_m.into()).coords;
             contact.normal = frame * contact.normal;
@@ -291,9 +284,30 @@ impl State {
     }
 
     /// Fills a surface's arrays; gives the simulated time.
-    pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> f64 {
-        self.solver.publish(index, field, arrays);
-        self.statistics.time_s
+    pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<f64> {
+        let published = self.solver.publish(index, field, arrays);
+        self.heed(published)?;
+        Ok(self.statistics.time_s)
+    }
+
+    /// Whether the device is still there.
+    pub fn check(&mut self) -> Result<()> {
+        match &self.lost {
+            Some(why) => Err(Error::Device(why.clone())),
+            None => {
+                let answer = self.solver.check();
+                self.heed(answer)
+            }
+        }
+    }
+
+    /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
+    fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
+        if let Err(Error::Device(why)) = &answer {
+            self.lost = Some(why.clone());
+            self.let_go();
+        }
+        answer
     }
 
     fn fresh_id(&mut self) -> u64 {
@@ -365,7 +379,8 @@ impl State {
         };
         self.sums.clear();
         self.sums.resize(self.steps.len(), ToolSum::default());
-        self.report = self.solver.advance(&plan, &mut self.sums)?;
+        let advanced = self.solver.advance(&plan, &mut self.sums);
+        self.report = self.heed(advanced)?;
         for region in self.regions.values_mut() {
             region.0 = region.1;
         }
@@ -399,20 +414,26 @@ impl State {
         }
     }
 
-    fn refuse_if_diverged(&self) -> Result<()> {
+    fn refuse_if_failed(&mut self) -> Result<()> {
+        self.check()?;
         match self.diverged_at {
             None => Ok(()),
             Some(time_s) => Err(Error::Diverged { time_s, reason: "reset it before the next step".into() }),
         }
     }
 
-    /// Freezes the simulation; tools feel nothing.
+    /// The simulation failed: tools feel nothing.
+    fn let_go(&mut self) {
+        for tool in &mut self.tools {
+            tool.release(self.statistics.time_s, self.statistics.steps, true);
+        }
+    }
+
+    /// Freezes the simulation.
     fn note_divergence(&mut self) -> Error {
         let time_s = self.statistics.time_s;
         self.diverged_at = Some(time_s);
-        for tool in &mut self.tools {
-            tool.release(time_s, self.statistics.steps, true);
-        }
+        self.let_go();
         let dt = self.statistics.substep_s;
         Error::Diverged {
             time_s,

@@ -50,7 +50,7 @@ pub struct SurfaceFrame<'a> {
     pub topology_version: u64,
     /// Simulated time of the frame in seconds.
     pub time_s: f64,
-    /// Whether the simulation still existed when this frame was asked for.
+    /// Whether the simulation still existed, and had its device, when this frame was asked for.
     pub is_running: bool,
 }
 
@@ -75,18 +75,27 @@ impl SurfacePort {
     }
 
     /// Takes the newest state of the surface. Waits for a step in progress; a step waits for it no longer than the arrays take to
-    /// fill. After the simulation is gone the last frame stays.
+    /// fill. After the simulation, or its GPU, is gone the last frame stays.
     pub fn map(&mut self) -> Result<SurfaceFrame<'_>> {
         let mut is_running = false;
-        if let Some(state) = self.state.lock().as_mut() {
-            is_running = true;
+        let mut state = self.state.lock();
+        if let Some(state) = state.as_mut()
+            && state.check().is_ok()
+        {
             std::mem::swap(&mut self.positions, &mut self.previous);
             let mut arrays = SurfaceArrays {
                 positions: numbers_mut(&mut self.positions),
                 normals: numbers_mut(&mut self.normals),
                 scalars: &mut self.scalars,
             };
-            self.time_s = state.publish(self.index, self.field, &mut arrays);
+            match state.publish(self.index, self.field, &mut arrays) {
+                Ok(time_s) => self.time_s = time_s,
+                Err(error) => {
+                    std::mem::swap(&mut self.positions, &mut self.previous);
+                    return Err(error);
+                }
+            }
+            is_running = true;
             if !std::mem::replace(&mut self.has_frame, true) {
                 self.previous.copy_from_slice(&self.positions);
             }

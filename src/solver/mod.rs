@@ -113,11 +113,16 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Takes a step. `sums` has one entry for each tool of the plan and is added to. Fails when the device is lost.
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport>;
 
+    /// Whether the device is still there. Calls that have no way to fail give nothing when it is not; this says so afterwards.
+    fn check(&self) -> Result<()> {
+        Ok(())
+    }
+
     /// Contacts of the tool with index `tool` in the last plan, model frame.
     fn contacts(&self, tool: usize) -> Vec<Contact>;
 
-    /// Computes a surface of the model as it is now.
-    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays);
+    /// Computes a surface of the model as it is now. Fails when the device is lost, or has no room.
+    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()>;
 
     /// Displacement of a slot in m, model frame.
     fn displacement(&self, slot: u32) -> Vec3;

@@ -297,6 +297,34 @@ static void files(void) {
     MODEL_ANSWERS(PLP_ERR_ARGUMENT); /* an empty range */
 }
 
+/* Double precision runs nowhere but on the processor, whatever this machine has. */
+static void places(void) {
+    plp_model *model = block();
+    plp_sim *sim = NULL;
+    plp_place place;
+    plp_sim_desc desc = plp_sim_desc_default();
+    desc.backend = PLP_BACKEND_AUTO;
+    desc.precision = PLP_PRECISION_DOUBLE;
+    desc.threads = 2;
+    ANSWERS(PLP_OK, plp_sim_create(model, &desc, &sim));
+    ANSWERS(PLP_ERR_NULL, plp_sim_get_place(sim, NULL, sizeof place));
+    ANSWERS(PLP_ERR_STRUCT_SIZE, plp_sim_get_place(sim, &place, 4));
+    ANSWERS(PLP_OK, plp_sim_get_place(sim, &place, sizeof place));
+    CHECK(place.backend == PLP_BACKEND_CPU && place.device == -1 && strcmp(place.name, "CPU, 2 threads") == 0);
+    CHECK(strstr(place.fallback, "single precision") != NULL);
+    ANSWERS(PLP_OK, plp_sim_destroy(sim));
+    ANSWERS(PLP_OK, plp_sim_create(model, NULL, &sim));
+    ANSWERS(PLP_OK, plp_sim_get_place(sim, &place, sizeof place));
+    CHECK(place.backend == PLP_BACKEND_CPU && place.fallback[0] == 0);
+    ANSWERS(PLP_OK, plp_sim_destroy(sim));
+    ANSWERS(PLP_OK, plp_model_destroy(model));
+
+    plp_device_info info;
+    ANSWERS(PLP_ERR_NULL, plp_device_get(0, NULL, sizeof info));
+    ANSWERS(PLP_ERR_STRUCT_SIZE, plp_device_get(0, &info, sizeof info - 1));
+    CHECK(plp_device_get(0xFFFFFFFF, &info, sizeof info) < 0 && plp_last_error()[0] != 0);
+}
+
 static void simulations(void) {
     plp_model *model = block();
     plp_sim *sim = (plp_sim *)UNTOUCHED;
@@ -313,6 +341,20 @@ static void simulations(void) {
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
     desc = plp_sim_desc_default();
     desc.flags |= 0x80000000;
+    ANSWERS(PLP_ERR_UNSUPPORTED, plp_sim_create(model, &desc, &sim));
+    desc = plp_sim_desc_default();
+    desc.backend = 3;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc.backend = PLP_BACKEND_AUTO;
+    desc.device = 0; /* not for it to choose */
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc.backend = PLP_BACKEND_CPU;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc.backend = PLP_BACKEND_CUDA;
+    desc.device = -2;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
+    desc.device = 0;
+    desc.precision = PLP_PRECISION_DOUBLE;
     ANSWERS(PLP_ERR_UNSUPPORTED, plp_sim_create(model, &desc, &sim));
     desc = plp_sim_desc_default();
     desc.threads = 1000000;
@@ -471,6 +513,7 @@ static void cancelling(void) {
 
 int main(void) {
     CHECK(plp_check_abi() == PLP_OK && plp_last_error()[0] == 0);
+    CHECK(strncmp(plp_build_string(), "kernels ", 8) == 0 && plp_has("cuda") == 1);
     CHECK(plp_has("lattice") == 1 && plp_has("teleportation") == 0 && plp_has(NULL) == 0);
     CHECK(strcmp(plp_status_name(PLP_ERR_BUSY), "PLP_ERR_BUSY") == 0 && plp_status_name(4711) != NULL);
     grids();
@@ -480,6 +523,7 @@ int main(void) {
     cancelling();
     struct_sizes();
     handles();
+    places();
     simulations();
     tools_and_surfaces();
     puts("bad input: ok");

@@ -7,7 +7,7 @@
 //! | file | subject |
 //! |---|---|
 //! | this one | handles, geometry, callbacks, materials |
-//! | `model`, `sim`, `tool`, `surface` | what the functions of one noun take and give |
+//! | `model`, `device`, `sim`, `tool`, `surface` | what the functions of one noun take and give |
 
 // Brackets are array shapes here, in a header's text, and not links.
 #![allow(rustdoc::broken_intra_doc_links)]
@@ -17,11 +17,13 @@ use std::mem::offset_of;
 
 use super::boundary::Output;
 
+mod device;
 mod model;
 mod sim;
 mod surface;
 mod tool;
 
+pub use self::device::*;
 pub use self::model::*;
 pub use self::sim::*;
 pub use self::surface::*;

@@ -4,7 +4,7 @@ use std::ffi::c_void;
 use std::mem::offset_of;
 
 use super::super::boundary::{Desc, Output};
-use super::{plp_box, plp_log_fn, plp_pose};
+use super::{PLP_BACKEND_CPU, plp_box, plp_log_fn, plp_pose};
 
 /// Steps compute in 32-bit floating point.
 pub const PLP_PRECISION_SINGLE: u32 = 0;
@@ -26,9 +26,13 @@ pub struct plp_sim_desc {
     pub struct_size: u32,
     /// PLP_SIM_SLEEPING and so on, or'ed.
     pub flags: u32,
+    /// Where it runs: PLP_BACKEND_CPU (default), PLP_BACKEND_CUDA or PLP_BACKEND_AUTO.
+    pub backend: u32,
+    /// CUDA: which GPU, from 0 to plp_device_count() - 1; -1 (default) takes the first that can. -1 for all others.
+    pub device: i32,
     /// PLP_PRECISION_SINGLE (default) or PLP_PRECISION_DOUBLE.
     pub precision: u32,
-    /// Threads that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
+    /// Threads of the processor that compute a step, the calling one included; 0 (default) takes one for each core. Leave a
     /// core to a servo thread.
     pub threads: u32,
     /// Simulated length of a step in seconds (default 0.001).
@@ -58,6 +62,8 @@ unsafe impl Desc for plp_sim_desc {
             struct_size: size_of::<Self>() as u32,
             flags: flag(defaults.sleeping, PLP_SIM_SLEEPING)
                 | flag(defaults.rest_under_gravity, PLP_SIM_REST_UNDER_GRAVITY),
+            backend: PLP_BACKEND_CPU,
+            device: -1,
             precision: PLP_PRECISION_SINGLE,
             threads: defaults.threads as u32,
             step_s: defaults.step_s,

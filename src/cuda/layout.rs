@@ -1,5 +1,8 @@
 //! What the host and the kernels share: twins of `kernels/layout.cuh`.
 
+#[cfg(all(test, unix))]
+mod tests;
+
 use cudarc::driver::sys::CUdeviceptr;
 
 use crate::math::Pose;

@@ -40,12 +40,17 @@ pub struct Room {
 impl Room {
     /// What a block may share on a device.
     pub fn on(device: &Device) -> Result<Self> {
+        device.shared_bytes().map(Self::within)
+    }
+
+    /// What fits where a block may have so many bytes.
+    pub fn within(shared_bytes: u32) -> Self {
         /// What the kernel declares itself, and what the driver keeps, in bytes.
         const DECLARED: u32 = 9 << 10;
-        let shared = device.shared_bytes()?.saturating_sub(DECLARED);
+        let shared = shared_bytes.saturating_sub(DECLARED);
         // Both hold 16 bytes each; a point is carried by nearly two nodes of its own.
         let points = (shared / 16 * 4 / 11).min(MAX_POINTS as u32);
-        Ok(Self { points, touched: points * 7 / 4 })
+        Self { points, touched: points * 7 / 4 }
     }
 
     /// Shared memory in bytes.

@@ -2,29 +2,28 @@
 //! `build-kernels`, fresh ones from nvcc.
 
 use std::env;
-use std::fmt::Write;
+use std::fmt::Write as _;
 use std::fs;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
-/// Source files that each become one image.
+/// Source files that each become two images.
 const IMAGES: [&str; 5] = ["lattice", "near", "contact", "surface", "report"];
 /// What they include.
 const HEADERS: [&str; 4] = ["block.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
 /// The compiler that made the images in `kernels/prebuilt`.
 const NVCC: &str = "13.0.88";
-/// Machine code for common GPUs, and PTX that newer ones compile for themselves. Approximate roots and quotients, and denormal
-/// numbers as zero: a displacement that small is none.
-const FLAGS: [&str; 13] = [
+/// Approximate roots and quotients, and denormal numbers as zero: a displacement that small is none.
+const FLAGS: [&str; 5] = ["-std=c++17", "-O3", "-ftz=true", "-prec-div=false", "-prec-sqrt=false"];
+/// Machine code for common GPUs, and PTX that newer ones compile for themselves.
+const FATBIN: [&str; 8] = [
     "-fatbin",
     "-Xfatbin=-compress-all",
-    "-std=c++17",
-    "-O3",
-    "-ftz=true",
-    "-prec-div=false",
-    "-prec-sqrt=false",
     "-gencode=arch=compute_75,code=compute_75",
     "-gencode=arch=compute_80,code=sm_80",
     "-gencode=arch=compute_86,code=sm_86",
@@ -32,6 +31,12 @@ const FLAGS: [&str; 13] = [
     "-gencode=arch=compute_90,code=sm_90",
     "-gencode=arch=compute_120,code=sm_120",
 ];
+/// PTX for drivers that are older than the compiler, and so do not read its fat binaries.
+const PTX: [&str; 2] = ["-ptx", "-arch=compute_75"];
+/// The version that the compiler writes into PTX, and the one that stands there in its place: the kernels need no later one.
+const PTX_VERSIONS: [&str; 2] = [".version 9.0", ".version 7.0"];
+/// A hint to analysing tools that came later than that version.
+const LATER_HINT: &str = ".pragma \"used_bytes_mask";
 
 /// Tells the compiler where the images are.
 pub fn provide() {
@@ -41,7 +46,7 @@ pub fn provide() {
     let digest = digest(&kernels);
     let images = if env::var_os("CARGO_FEATURE_BUILD_KERNELS").is_some() {
         let fresh = PathBuf::from(env::var("OUT_DIR").expect("cargo sets it"));
-        IMAGES.iter().for_each(|image| compile(&kernels, image, &fresh));
+        IMAGES.iter().for_each(|image| make(&kernels, image, &fresh));
         println!("cargo:rerun-if-env-changed=PALPATE_KEEP_KERNELS");
         if env::var_os("PALPATE_KEEP_KERNELS").is_some() {
             keep(&fresh, &prebuilt, &digest);
@@ -56,6 +61,7 @@ pub fn provide() {
         );
         prebuilt
     };
+    IMAGES.iter().for_each(|image| pack(&images.join(image).with_extension("ptx")));
     println!("cargo:rustc-env=PALPATE_KERNELS={}", images.display());
 }
 
@@ -63,9 +69,8 @@ pub fn provide() {
 fn digest(kernels: &Path) -> String {
     let mut hash = Sha256::new();
     hash.update(NVCC);
-    for flag in FLAGS {
-        hash.update(flag);
-    }
+    let how = FLAGS.iter().chain(&FATBIN).chain(&PTX).chain(&PTX_VERSIONS);
+    how.chain([&LATER_HINT]).for_each(|text| hash.update(text));
     for name in IMAGES.iter().map(|image| format!("{image}.cu")).chain(HEADERS.map(String::from)) {
         let text = fs::read_to_string(kernels.join(&name)).expect("the kernels' sources are readable");
         hash.update(name);
@@ -78,15 +83,49 @@ fn digest(kernels: &Path) -> String {
     })
 }
 
-/// Compiles one source file.
-fn compile(kernels: &Path, image: &str, to: &Path) {
+/// Makes both images of one source file.
+fn make(kernels: &Path, image: &str, to: &Path) {
+    let to = to.join(image);
+    compile(kernels, image, &FATBIN, &to.with_extension("fatbin"));
+    let ptx = to.with_extension("ptx");
+    compile(kernels, image, &PTX, &ptx);
+    let text = fs::read_to_string(&ptx).expect("nvcc has written it");
+    fs::write(&ptx, as_older(&text)).expect("the build's own folder can be written");
+}
+
+/// PTX as older drivers take it, without comments.
+fn as_older(text: &str) -> String {
+    let [newer, older] = PTX_VERSIONS;
+    assert!(text.lines().any(|line| line == newer), "PTX of another version than {newer}");
+    text.lines()
+        .filter(|line| {
+            let line = line.trim_start();
+            !line.is_empty() && !line.starts_with("//") && !line.starts_with(LATER_HINT)
+        })
+        .flat_map(|line| [if line == newer { older } else { line }, "\n"])
+        .collect()
+}
+
+/// Leaves PTX compressed where the library takes it from.
+fn pack(ptx: &Path) {
+    let text = fs::read(ptx).expect("there is PTX of every image");
+    let to = Path::new(&env::var("OUT_DIR").expect("cargo sets it")).join(ptx.file_name().expect("a file"));
+    let mut packed = ZlibEncoder::new(Vec::new(), Compression::best());
+    packed.write_all(&text).expect("memory takes all");
+    let packed = packed.finish().expect("memory takes all");
+    fs::write(to.with_extension("ptx.z"), packed).expect("the build's own folder can be written");
+}
+
+/// Runs the compiler on one source file.
+fn compile(kernels: &Path, image: &str, kind: &[&str], to: &Path) {
     let nvcc = nvcc();
     let status = Command::new(&nvcc)
         .current_dir(kernels)
         .args(FLAGS)
+        .args(kind)
         .arg(format!("{image}.cu"))
         .arg("-o")
-        .arg(to.join(format!("{image}.fatbin")))
+        .arg(to)
         .status();
     match status {
         Ok(status) if status.success() => {}
@@ -112,8 +151,7 @@ fn nvcc() -> PathBuf {
 /// Puts fresh images where builds without a compiler find them.
 fn keep(fresh: &Path, prebuilt: &Path, digest: &str) {
     fs::create_dir_all(prebuilt).expect("kernels/prebuilt can be made");
-    for image in IMAGES {
-        let name = format!("{image}.fatbin");
+    for name in IMAGES.iter().flat_map(|image| [format!("{image}.fatbin"), format!("{image}.ptx")]) {
         fs::copy(fresh.join(&name), prebuilt.join(&name)).expect("kernels/prebuilt can be written");
     }
     fs::write(prebuilt.join("SOURCES.sha256"), format!("{digest}\n"))

@@ -10,14 +10,6 @@
 #include "contact.cuh"
 #include "layout.cuh"
 
-// Where and when a projection takes place.
-struct Moment {
-    // The fraction of the step at its start and end.
-    float from, to;
-    // Whether it is the first of the step; whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
-    uint32_t is_first, tissue_moves, is_last;
-};
-
 namespace contact_kernel {
 
 constexpr int THREADS = 512, WARPS = THREADS / 32;

@@ -191,6 +191,14 @@ struct Contact {
     ToolSum* sums;
 };
 
+// Where and when a projection takes place.
+struct Moment {
+    // The fraction of the step at its start and end.
+    float from, to;
+    // Whether it is the first of the step; whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
+    uint32_t is_first, tissue_moves, is_last;
+};
+
 // From the model's frame to the world's: a rotation matrix, row by row, and the edge of a cell in m.
 struct Frame {
     float turn[9];

@@ -46,5 +46,7 @@ pub mod error;
 pub mod log;
 pub mod math;
 pub mod model;
+#[cfg(test)]
+mod noise;
 pub mod sim;
 pub mod solver;

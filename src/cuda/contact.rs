@@ -59,11 +59,16 @@ impl Room {
 
     /// What a block may share on a device.
     pub fn on(device: &Device) -> Result<Self> {
+        device.shared_bytes().map(Self::within)
+    }
+
+    /// What fits where a block may have so many bytes.
+    pub fn within(shared_bytes: u32) -> Self {
         /// What the kernel declares itself, and what the driver keeps, in bytes.
         const DECLARED: u32 = 14 << 10;
-        let shared = device.shared_bytes()?.saturating_sub(DECLARED + Self::OF_SITES);
+        let shared = shared_bytes.saturating_sub(DECLARED + Self::OF_SITES);
         // A multiple of eight keeps what follows aligned.
-        Ok(Self { points: (shared / Self::OF_POINT).min(MAX_POINTS as u32) / 8 * 8 })
+        Self { points: (shared / Self::OF_POINT).min(MAX_POINTS as u32) / 8 * 8 }
     }
 
     /// Shared memory in bytes.
@@ -136,9 +141,9 @@ pub struct ContactSurface {
     site_coupled: Buffer<u32>,
     couplings: Buffer<[f32; 4]>,
     carrier_at: Buffer<u32>,
-    carriers: Buffer<[u32; 4]>,
+    carriers: Buffer<Carrier>,
     mobility: Buffer<[f32; 4]>,
-    loads: Buffer<[u32; 2]>,
+    loads: Buffer<Load>,
     moved: Buffer<u32>,
     changes: Buffer<[f32; 4]>,
     touches: Buffer<[u32; 2]>,

@@ -62,6 +62,7 @@ fn open() -> std::result::Result<Library, libloading::Error> {
 
 functions! {
     init = "cuInit"(c_uint);
+    driver_get_version = "cuDriverGetVersion"(*mut c_int);
     get_error_name = "cuGetErrorName"(c_int, *mut *const c_char);
     device_get_count = "cuDeviceGetCount"(*mut c_int);
     device_get = "cuDeviceGet"(*mut CUdevice, c_int);
@@ -123,6 +124,14 @@ impl Driver {
             }
         });
         found.as_ref().map_err(|why| Error::NoDevice(why.clone()))
+    }
+
+    /// The newest CUDA version that the driver serves: 13000 is 13.0.
+    pub fn version(&self) -> Result<i32> {
+        let mut version = 0;
+        // SAFETY: `version` is written.
+        let status = unsafe { (self.driver_get_version)(&mut version) };
+        self.check(status, "asking the driver's version").map(|()| version)
     }
 
     /// Turns a status into a result; `what` says what was tried.

@@ -1,20 +1,56 @@
 //! The kernels: found in this library, loaded into a device's context.
 
+use std::borrow::Cow;
 use std::ffi::{CStr, c_void};
+use std::io::Read;
 use std::sync::Arc;
 
 use cudarc::driver::sys::{CUfunction, CUmodule, CUstream};
+use flate2::read::ZlibDecoder;
 
 use super::contact::Room;
 use super::device::Device;
 use crate::error::Result;
 
-/// Machine code for common GPUs and PTX for the rest, one image for each source file of `kernels/`.
-const LATTICE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/lattice.fatbin"));
-const NEAR: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/near.fatbin"));
-const CONTACT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/contact.fatbin"));
-const SURFACE: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/surface.fatbin"));
-const REPORT: &[u8] = include_bytes!(concat!(env!("PALPATE_KERNELS"), "/report.fatbin"));
+/// One source file of `kernels/`, compiled twice.
+struct Image {
+    /// A fat binary: machine code for common GPUs and PTX for the rest.
+    fatbin: &'static [u8],
+    /// PTX alone, of a version that older drivers know; compressed.
+    ptx: &'static [u8],
+}
+
+macro_rules! image {
+    ($name:literal) => {
+        Image {
+            fatbin: include_bytes!(concat!(env!("PALPATE_KERNELS"), "/", $name, ".fatbin")),
+            ptx: include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".ptx.z")),
+        }
+    };
+}
+
+const LATTICE: Image = image!("lattice");
+const NEAR: Image = image!("near");
+const CONTACT: Image = image!("contact");
+const SURFACE: Image = image!("surface");
+const REPORT: Image = image!("report");
+
+/// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
+const READS_FATBIN: i32 = 13_000;
+
+impl Image {
+    /// What a driver of a CUDA version loads.
+    fn of_version(&self, version: i32) -> Cow<'static, [u8]> {
+        if version >= READS_FATBIN { self.fatbin.into() } else { self.text().into() }
+    }
+
+    /// The PTX as text.
+    fn text(&self) -> Vec<u8> {
+        let mut text = Vec::new();
+        ZlibDecoder::new(self.ptx).read_to_end(&mut text).expect("the library holds what its build packed");
+        text
+    }
+}
 
 /// A module's functions live as long as it does.
 #[derive(Debug)]
@@ -27,11 +63,11 @@ impl Module {
     fn load(device: &Arc<Device>, image: &[u8]) -> Result<Self> {
         let mut handle = std::ptr::null_mut();
         let _entered = device.enter()?;
-        // The driver reads 64-bit words.
-        let mut aligned = vec![0_u64; image.len().div_ceil(8)];
+        // The driver reads a fat binary by 64-bit words, and text up to a zero.
+        let mut aligned = vec![0_u64; image.len() / 8 + 1];
         // SAFETY: both are at least as long as the image, and apart.
         unsafe { std::ptr::copy_nonoverlapping(image.as_ptr(), aligned.as_mut_ptr().cast(), image.len()) };
-        // SAFETY: a whole fat binary; the driver copies what it needs.
+        // SAFETY: a whole fat binary, or text that ends; the driver copies what it needs.
         let status = unsafe { (device.driver.module_load_data)(&mut handle, aligned.as_ptr().cast()) };
         device.driver.check(status, &format!("loading the kernels on {}", device.name()))?;
         Ok(Self { device: device.clone(), handle })
@@ -106,11 +142,20 @@ unsafe impl Send for Kernels {}
 impl Kernels {
     /// Loads the kernels for a model with or without volume terms and damped springs.
     pub fn load(device: &Arc<Device>, volumetric: bool, damped: bool, room: Room) -> Result<Self> {
-        let lattice = Module::load(device, LATTICE)?;
-        let near = Module::load(device, NEAR)?;
-        let contact = Module::load(device, CONTACT)?;
-        let surface = Module::load(device, SURFACE)?;
-        let report = Module::load(device, REPORT)?;
+        Self::load_as(device.driver.version()?, device, volumetric, damped, room)
+    }
+
+    /// Loads what a driver of a CUDA version takes.
+    fn load_as(
+        version: i32,
+        device: &Arc<Device>,
+        volumetric: bool,
+        damped: bool,
+        room: Room,
+    ) -> Result<Self> {
+        let module = |image: Image| Module::load(device, &image.of_version(version));
+        let (lattice, near, contact) = (module(LATTICE)?, module(NEAR)?, module(CONTACT)?);
+        let (surface, report) = (module(SURFACE)?, module(REPORT)?);
         let substep = match (volumetric, damped) {
             (false, false) => c"lattice_plain",
             (true, false) => c"lattice_volume",
@@ -164,5 +209,85 @@ impl Kernel {
             )
         };
         device.driver.check(status, "starting a kernel")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const IMAGES: [Image; 4] = [LATTICE, CONTACT, SURFACE, REPORT];
+    /// The newest driver that gets text.
+    const OLDER: i32 = READS_FATBIN - 1;
+
+    fn text_of(image: &Image) -> String {
+        String::from_utf8(image.text()).expect("PTX is text")
+    }
+
+    /// Shared memory that a piece of PTX declares, in bytes.
+    fn shared_bytes(ptx: &str) -> u32 {
+        let sized = ptx.lines().filter_map(|line| line.trim_start().strip_prefix(".shared .align "));
+        sized
+            .map(|line| match line.split_once('[') {
+                Some((_, count)) => count.trim_end_matches("];").parse().expect("a count of bytes"),
+                None => {
+                    assert!(line.contains(" .u32 "), "of what size is {line}?");
+                    4
+                }
+            })
+            .sum()
+    }
+
+    /// The kernels of an image's PTX, each with the shared memory that it declares.
+    fn kernels_of(text: &str) -> Vec<(&str, u32)> {
+        let (head, kernels) = text.split_once(".entry ").expect("an image holds kernels");
+        let of_all = shared_bytes(head);
+        let of_kernel = |kernel: &str| of_all + shared_bytes(kernel);
+        kernels
+            .split(".entry ")
+            .map(|kernel| (kernel.split_once('(').unwrap().0, of_kernel(kernel)))
+            .collect()
+    }
+
+    #[test]
+    fn drivers_older_than_the_compiler_get_text_of_a_version_that_they_know() {
+        for image in IMAGES {
+            let text = text_of(&image);
+            assert!(*image.of_version(READS_FATBIN) == *image.fatbin);
+            assert!(*image.of_version(OLDER) == *text.as_bytes());
+            assert!(text.lines().take(2).eq([".version 7.0", ".target sm_75"]), "{}", &text[..80]);
+            assert!(!text.contains('\0'), "a zero would end it");
+        }
+    }
+
+    #[test]
+    fn the_oldest_gpu_has_the_shared_memory_that_kernels_want() {
+        /// What a block may declare on compute capability 7.5, and all that it may have.
+        const MOST_DECLARED: u32 = 48 << 10;
+        const MOST: u32 = 64 << 10;
+        let texts = IMAGES.each_ref().map(text_of);
+        let kernels: Vec<_> = texts.iter().flat_map(|text| kernels_of(text)).collect();
+        for (kernel, declared) in &kernels {
+            assert!(*declared <= MOST_DECLARED, "{kernel} declares {declared} bytes");
+        }
+        let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact_resolve").unwrap();
+        assert!(*declared > 0 && Room::within(MOST).bytes() + declared <= MOST, "{declared} bytes");
+    }
+
+    #[test]
+    fn a_gpu_takes_both_images() {
+        let device = match Device::open(None) {
+            Ok(device) => device,
+            Err(error) => {
+                assert!(std::env::var_os("PALPATE_GPU").is_none(), "{error}");
+                return eprintln!("SKIPPED without a GPU: a_gpu_takes_both_images ({error})");
+            }
+        };
+        let room = Room::on(&device).unwrap();
+        for version in [OLDER, READS_FATBIN] {
+            for (volumetric, damped) in [(false, false), (true, false), (false, true), (true, true)] {
+                Kernels::load_as(version, &device, volumetric, damped, room).unwrap();
+            }
+        }
     }
 }

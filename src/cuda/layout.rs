@@ -1,5 +1,8 @@
 //! What the host and the kernels share: twins of `kernels/layout.cuh`.
 
+#[cfg(all(test, unix))]
+mod tests;
+
 use cudarc::driver::sys::CUdeviceptr;
 
 use crate::math::Pose;
@@ -221,6 +224,24 @@ pub mod point {
     pub const IMPULSE: usize = 3;
     /// How many there are.
     pub const FIELDS: usize = 6;
+}
+
+/// A node that carries sites.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Carrier {
+    slot: u32,
+    start: u32,
+    count: u32,
+    site: u32,
+}
+
+/// A site on a carrier.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Load {
+    site: u32,
+    weight: f32,
 }
 
 /// Contact of one surface.

@@ -30,6 +30,10 @@ unsafe impl Plain for super::layout::Law {}
 unsafe impl Plain for super::layout::Part {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::ToolSum {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Carrier {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Load {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! WHERE: on an NVIDIA GPU, the same model and the same answers.
 //!
 //! Nothing links CUDA. The driver is looked for when the first simulation asks for a GPU; that there is none is a normal answer. The
-//! kernels lie in the library as machine code for common GPUs and as PTX for the rest, see `kernels/`.
+//! kernels lie in the library as machine code for common GPUs and as PTX for the rest and for older drivers, see `kernels/`.
 
 mod contact;
 pub mod device;
@@ -12,6 +12,8 @@ mod layout;
 mod memory;
 pub mod solver;
 mod surface;
+#[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names
+mod twins;
 
 /// An argument of a kernel.
 fn pointer<T>(value: &mut T) -> *mut std::ffi::c_void {

@@ -121,6 +121,9 @@ pub const MAX_FRICTION: f64 = 100.0;
 /// Most shapes in one tool.
 pub const MAX_PARTS: usize = 16;
 
+/// Most strides in which a point's way is looked at.
+const MAX_STRIDES: f64 = 64.0;
+
 impl ToolMotion {
     /// At rest at a pose.
     pub fn at(pose: Pose) -> Self {
@@ -181,7 +184,8 @@ impl Shape {
                 // Inside the core: out through the nearest face.
                 let depth = half_extents_m - p.abs();
                 let axis = depth.imin();
-                (-depth[axis], Vec3::from_fn(|a, _| if a == axis { p[a].signum() } else { 0.0 }))
+                let side = if p[axis] < 0.0 { -1.0 } else { 1.0 };
+                (-depth[axis], Vec3::from_fn(|a, _| if a == axis { side } else { 0.0 }))
             }
         }
     }
@@ -227,6 +231,24 @@ impl ToolDesc {
             }
         }
         nearest
+    }
+
+    /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
+    /// it meets first (negative), and that plane's outward normal. The way is looked at in `strides` equal strides, 64 at most.
+    ///
+    /// At the end alone, a point that went past the middle of a thin tool would be pushed out on the wrong side, and one that went
+    /// through would be missed.
+    pub fn meet(&self, start: Vec3, end: Vec3, strides: f64) -> Option<(f64, Vec3)> {
+        let count = strides.ceil().clamp(1.0, MAX_STRIDES);
+        for stride in 0..=count as u32 {
+            let at = start + (end - start) * (f64::from(stride) / count);
+            let (distance, normal) = self.distance(at);
+            if distance < 0.0 {
+                let beyond = distance + normal.dot(&(end - at));
+                return (beyond < 0.0).then_some((beyond, normal));
+            }
+        }
+        None
     }
 
     /// Radius of a ball around the tool's origin that contains it.

@@ -1,9 +1,13 @@
 //! What tests of the C ABI share: the shipped library, a C compiler, and a loud way to skip.
 #![allow(dead_code)] // each test binary uses a part
 
+mod programs;
+
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::Command;
+
+pub use programs::{need, run};
 
 /// The repository's root.
 pub fn root() -> &'static Path {
@@ -38,38 +42,9 @@ pub fn scratch(name: &str) -> PathBuf {
     dir
 }
 
-/// Whether a program can be started at all.
-fn exists(program: &str) -> bool {
-    Command::new(program).arg("--version").output().is_ok()
-}
-
-/// The first of the programs that exists. Without any, says so loudly, and fails under CI, where everything
-/// is there.
-pub fn need(programs: &[&'static str]) -> Option<&'static str> {
-    let found = programs.iter().copied().find(|program| exists(program));
-    if found.is_none() {
-        assert!(std::env::var_os("CI").is_none(), "none of {programs:?} is here, and CI must have one");
-        eprintln!("SKIPPED: none of {programs:?} is installed");
-    }
-    found
-}
-
 /// A C compiler.
 pub fn c_compiler() -> Option<&'static str> {
     need(&["cc", "gcc", "clang"])
-}
-
-/// Runs a command and shows all it said when it fails.
-pub fn run(command: &mut Command) -> Output {
-    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
-    assert!(
-        output.status.success(),
-        "{command:?}\n{}\n{}{}",
-        output.status,
-        String::from_utf8_lossy(&output.stdout),
-        String::from_utf8_lossy(&output.stderr)
-    );
-    output
 }
 
 /// Compiles a C program into `dir`, linked against the shipped library, and returns its path.

@@ -27,7 +27,7 @@ use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::surface::ROW;
-use crate::solver::tool::{Contact, ToolDesc};
+use crate::solver::tool::Contact;
 use crate::solver::{ToolStep, ToolSum};
 
 /// Most points in contact at once; the first that are found are kept, and what is dropped is counted.
@@ -356,7 +356,7 @@ impl ContactSurface {
             let (distance, normal) = view.tool.desc.distance(local(p));
             (distance < 0.0).then_some((distance, normal))
         } else {
-            meet(&view.tool.desc, local(start), local(p), travel / view.spacing)
+            view.tool.desc.meet(local(start), local(p), travel / view.spacing)
         };
         let Some((distance, normal)) = met else { return };
         let point = Point {
@@ -524,22 +524,6 @@ impl ContactSurface {
         }
         furthest2.sqrt() * nodes.dt
     }
-}
-
-/// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
-/// it meets first (negative), and that plane's outward normal. At the end alone, a point that went past the middle of a thin
-/// tool would be pushed out on the wrong side, and one that went through would be missed.
-fn meet(tool: &ToolDesc, start: Vec3, end: Vec3, strides: f64) -> Option<(f64, Vec3)> {
-    let count = strides.ceil().clamp(1.0, MAX_MOVES);
-    for stride in 0..=count as u32 {
-        let at = start + (end - start) * (f64::from(stride) / count);
-        let (distance, normal) = tool.distance(at);
-        if distance < 0.0 {
-            let beyond = distance + normal.dot(&(end - at));
-            return (beyond < 0.0).then_some((beyond, normal));
-        }
-    }
-    None
 }
 
 /// Barycentric coordinates of the centres of the n² equal triangles that an edge division by n gives.

@@ -8,16 +8,7 @@ use crate::math::{Pose, Vec3};
 use crate::model::lattice::Lattice;
 use crate::model::material::Material;
 use crate::model::{Model, energy};
-
-/// A reproducible sequence in [-1, 1).
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
-    }
-}
+use crate::noise::Noise;
 
 fn model_of(lattice: Lattice) -> Arc<Model> {
     Arc::new(Model {

@@ -1,0 +1,94 @@
+//! What a C++ compiler makes of `kernels/layout.cuh`.
+
+use std::mem::offset_of;
+
+use super::*;
+use crate::cuda::twins;
+use crate::model::lattice::BRICK_SLOTS;
+
+/// For each struct its name and what must hold of it in C++. A field that is forgotten here does not compile.
+macro_rules! claims {
+    ($($name:ident { $($field:ident),* })*) => {
+        [$({
+            let _ = |value: $name| { let $name { $($field: _),* } = value; };
+            let name = stringify!($name);
+            let offsets = [$((stringify!($field), offset_of!($name, $field))),*];
+            let claims = [format!("sizeof({name}) == {}", size_of::<$name>())].into_iter().chain(
+                offsets.iter().map(|(field, at)| format!("offsetof({name}, {field}) == {at}")));
+            (name, claims.collect::<Vec<_>>())
+        }),*]
+    };
+}
+
+#[test]
+fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
+    let structs = claims! {
+        Law { spring, volume, corner, damper }
+        Part { turn, at, shape, size }
+        ToolStep { from, to, turn_from, turn, friction, radius, spacing, part, part_count }
+        ToolSum { impulse, moment, work }
+        Step {
+            dt, keep, gravity, sequence, tool_count, margin, duration, push_limit, may_jump, reserved, tools
+        }
+        Report {
+            diverged_at, speed2, strain, swelling, shrinking, displacement2, vis_viva, contact_points,
+            dropped_points, sums, sequence
+        }
+        Pass {
+            u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, awake, cell, substep, mark
+        }
+        Carrier { slot, start, count, site }
+        Load { site, weight }
+        Contact {
+            vertices, triangles, division, max_points, reach, edge, rest, row_nodes, row_weights, corners, parts,
+            near_bits, near, counts, site_rest, site_own, site_names, site_slots, site_weights, site_carriers,
+            site_coupled, couplings, carrier_at, carriers, mobility, loads, moved, changes, touches, given, points,
+            sums
+        }
+        Moment { from, to, is_first, tissue_moves, is_last }
+        Frame { turn, cell }
+        Surface {
+            vertices, strain, frame, u, rest, row_nodes, row_weights, cells, triangles, triangle_starts,
+            triangle_of, positions, normals, scalars
+        }
+    };
+    let numbers = [
+        ("sizeof(Mark)", MARK_BYTES),
+        ("BRICK_NODES", BRICK_SLOTS),
+        ("MAX_TOOLS", MAX_TOOLS),
+        ("MAX_POINTS", MAX_POINTS),
+        ("MAX_SITES", MAX_SITES),
+        ("MAX_ROW", MAX_ROW),
+        ("MAX_COUPLED", MAX_COUPLED),
+        ("POINTS", count::POINTS),
+        ("TAG", count::TAG),
+        ("COUNTS", count::COUNTS),
+        ("NORMAL", point::NORMAL),
+        ("AT", point::AT),
+        ("NAMES", point::NAMES),
+        ("IMPULSE", point::IMPULSE),
+        ("POINT_FIELDS", point::FIELDS),
+    ];
+
+    let header = twins::header("layout.cuh");
+    let shared = header.lines().filter_map(|line| line.strip_prefix("struct ")?.strip_suffix(" {"));
+    for name in shared.filter(|name| *name != "Mark") {
+        assert!(structs.iter().any(|(known, _)| *known == name), "struct {name} is compared with nothing");
+    }
+
+    let claims = structs.into_iter().flat_map(|(_, claims)| claims);
+    let claims = claims.chain(numbers.map(|(name, number)| format!("{name} == {number}")));
+    // The vectors that CUDA brings.
+    let mut source = String::from(
+        "#include <stddef.h>\n\
+         struct alignas(16) float4 { float x, y, z, w; };\n\
+         struct alignas(16) uint4 { unsigned x, y, z, w; };\n\
+         struct alignas(8) uint2 { unsigned x, y; };\n\
+         #include \"layout.cuh\"\n",
+    );
+    source.extend(claims.map(|claim| format!("static_assert({claim});\n")));
+    let dir = tempfile::tempdir().expect("a folder for the source");
+    let file = dir.path().join("layout.cpp");
+    std::fs::write(&file, source).expect("the source can be written");
+    twins::compile(&file, &["-fsyntax-only".as_ref()]);
+}

@@ -1,5 +1,7 @@
 //! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
 
+mod support;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -11,6 +13,7 @@ use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{Backend, NodeField, Precision, Sim, SimDesc, SurfaceField};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
+use support::has_gpu;
 
 /// Relative difference of displacements after a thousand substeps in single precision, at strains of some percent.
 const SAME_MOTION: f64 = 1e-5;
@@ -20,18 +23,6 @@ const SAME_SPEED: f64 = 1e-4;
 const SAME_FORCE: f64 = 1e-4;
 /// Edge of a cell in m.
 const CELL_M: f64 = 2e-3;
-
-/// Whether there is a GPU; a test that needs one returns where there is none. Where `PALPATE_GPU` is set there must be one.
-fn has_gpu(test: &str) -> bool {
-    match Device::open(None) {
-        Ok(_) => true,
-        Err(error) => {
-            assert!(std::env::var_os("PALPATE_GPU").is_none(), "{error}");
-            eprintln!("SKIPPED without a GPU: {test} ({error})");
-            false
-        }
-    }
-}
 
 /// The largest of numbers, or a NaN once one is met: a maximum alone would lose it.
 fn most(numbers: impl Iterator<Item = f64>) -> f64 {

@@ -17,8 +17,8 @@ mod support;
 
 use lattice::baseline::Baseline;
 use lattice::baseline::masses::{Masses, offsets};
-use lattice::baseline::parallel::{NO_MASS, Parallel, STEPS, properties, springs_at};
-use lattice::baseline::serial::Serial;
+use lattice::baseline::parallel::{NO_MASS, Parallel, STEPS, Sphere, properties, springs_at};
+use lattice::baseline::serial::{STRETCH, Serial};
 use lattice::ellipsoid;
 use lattice::options::{Options, SceneName};
 use lattice::pace::Pace;
@@ -109,7 +109,7 @@ fn the_ellipsoid_has_as_many_nodes_as_were_counted() {
 
 #[test]
 fn every_spring_is_held_at_both_of_its_ends() {
-    let masses = Masses::new(&block(true));
+    let masses = Masses::new(&block(true), STRETCH);
     let start = masses.positions();
     let springs: Vec<_> = (0..26).map(|k| springs_at(&masses, k)).collect();
     let mut ends = 0;
@@ -124,7 +124,7 @@ fn every_spring_is_held_at_both_of_its_ends() {
         assert_eq!((back.other as usize, back.rest_m), (mass, spring.rest_m));
         let apart = (0..3).map(|a| start[mass][a] - start[spring.other as usize][a]);
         let length = apart.map(|d| d * d).sum::<f32>().sqrt();
-        assert!((length / (1.005 * spring.rest_m) - 1.0).abs() < 1e-5, "stretched by half a percent");
+        assert!((length / (STRETCH * spring.rest_m) - 1.0).abs() < 1e-5, "stretched as asked");
     }
     // In a block, for each offset, there are as many springs as pairs of nodes that lie so apart.
     let pairs =
@@ -134,7 +134,7 @@ fn every_spring_is_held_at_both_of_its_ends() {
 
 #[test]
 fn masses_are_active_and_the_lowest_layer_is_held() {
-    let masses = Masses::new(&block(true));
+    let masses = Masses::new(&block(true), STRETCH);
     let layer = (CELLS[0] + 1) * (CELLS[1] + 1);
     let material_1 = 1 << 8;
     for (mass, property) in properties(&masses).into_iter().enumerate() {
@@ -142,24 +142,28 @@ fn masses_are_active_and_the_lowest_layer_is_held() {
     }
 }
 
+/// The largest difference along an axis.
+fn apart(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
+    let pairs = a.iter().flatten().zip(b.iter().flatten());
+    // A NaN stays once it is met.
+    pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, |most, x| if x <= most { most } else { x })
+}
+
 #[test]
 fn both_baselines_move_alike() {
     if !has_gpu("both_baselines_move_alike") {
         return;
     }
-    let masses = Masses::new(&block(false));
+    let masses = Masses::new(&block(false), STRETCH);
     let dt = 1e-4;
     // Neither damping nor a tool, as in the serial one.
-    let mut parallel = Parallel::new(&masses, dt, 0.0, [0.0; 4]).unwrap();
+    let nothing = Sphere { radius_m: 0.0, centre_m: Box::new(|_| Vec3::zeros()) };
+    let mut parallel = Parallel::new(&masses, dt, 0.0, nothing).unwrap();
     let mut serial = Serial::new(&masses, dt);
     assert_eq!(parallel.advance().unwrap(), STEPS);
     for _ in 0..STEPS {
         serial.advance().unwrap();
     }
-    let apart = |a: &[[f32; 4]], b: &[[f32; 4]]| {
-        let pairs = a.iter().flatten().zip(b.iter().flatten());
-        pairs.map(|(a, b)| f64::from((a - b).abs())).fold(0.0, |most, x| if x <= most { most } else { x })
-    };
     let moved = apart(serial.positions(), &masses.positions());
     let off = apart(serial.positions(), &parallel.positions().unwrap());
     assert!(moved > 1e-5, "the block contracts: {moved} m");
@@ -171,21 +175,33 @@ fn a_sphere_in_a_held_block_is_felt_by_the_baseline() {
     if !has_gpu("a_sphere_in_a_held_block_is_felt_by_the_baseline") {
         return;
     }
-    let masses = Masses::new(&block(true));
-    let [x, y, z] = CELLS.map(|n| (n as f64 * CELL_M) as f32);
-    let radius = 4e-3;
-    let mut far = Parallel::new(&masses, 1e-4, 5.0, [0.5 * x, 0.5 * y, 1.0, radius]).unwrap();
-    far.advance().unwrap();
-    assert!(far.check().is_err(), "what touches nothing is no figure");
-    let sphere = [0.5 * x, 0.5 * y, z + 0.5 * radius, radius];
-    let mut near = Parallel::new(&masses, 1e-4, 5.0, sphere).unwrap();
-    near.advance().unwrap();
-    near.check().unwrap();
-    let found = near.positions().unwrap();
-    let distance = |p: &[f32; 4]| (0..3).map(|a| (p[a] - sphere[a]).powi(2)).sum::<f32>().sqrt();
-    let nearest = found.iter().map(distance).fold(f32::MAX, f32::min);
-    assert!((nearest / radius - 1.0).abs() < 1e-4, "masses lie on the sphere, not in it: {nearest} m");
-    let start = masses.positions();
+    let masses = Masses::new(&block(true), 1.0);
+    let [x, y, z] = CELLS.map(|n| n as f64 * CELL_M);
+    let radius_m = 4e-3;
+    let above = Vec3::new(0.5 * x, 0.5 * y, z + radius_m);
+    let away = Sphere { radius_m, centre_m: Box::new(move |_| above + Vec3::repeat(1.0)) };
+    let mut untouched = Parallel::new(&masses, 1e-4, 5.0, away).unwrap();
+    untouched.advance().unwrap();
+    assert!(untouched.check().is_err(), "what touches nothing is no figure");
+    assert!(
+        apart(&untouched.positions().unwrap(), &masses.positions()) < 1e-6,
+        "nothing moves by itself, in m"
+    );
+
+    // Half a cell deep within 33 ms, and at rest there.
+    let depth_m = |time_s: f64| (0.03 * time_s).min(0.5 * CELL_M);
+    let centre_m = move |time_s| above - Vec3::z() * depth_m(time_s);
+    let mut pressed =
+        Parallel::new(&masses, 1e-4, 5.0, Sphere { radius_m, centre_m: Box::new(centre_m) }).unwrap();
+    for _ in 0..10 {
+        pressed.advance().unwrap();
+        pressed.check().unwrap();
+    }
+    let (start, found) = (masses.positions(), pressed.positions().unwrap());
+    let end = centre_m(1.0);
+    let distance = |p: &[f32; 4]| (Vec3::from_fn(|a, _| f64::from(p[a])) - end).norm();
+    let nearest = found.iter().map(distance).fold(f64::MAX, f64::min);
+    assert!((nearest / radius_m - 1.0).abs() < 1e-4, "masses lie on the sphere, not in it: {nearest} m");
     for mass in (0..masses.count()).filter(|&mass| masses.is_held(mass)) {
         assert_eq!(found[mass], start[mass], "what is held stays");
     }

@@ -18,9 +18,10 @@ struct alignas(8) Spring {
     float rest;
 };
 
-// A sphere, centre and radius, and the sum of the spring forces that it feels.
+// A sphere, centre and radius, at the start of a graph; how far it moves in a step; and the sum of the spring forces that it feels.
 struct Tool {
     float4 sphere;
+    float move[4];
     float felt[4];
 };
 
@@ -34,10 +35,10 @@ struct Setting {
 }  // namespace baseline_kernel
 using namespace baseline_kernel;
 
-// One step. `before` holds x(t - dt) and is given x(t + dt): nobody but its own thread reads it. Springs lie `springs[k * masses + i]`, so that
+// Step number `step` of a graph. `before` holds x(t - dt) and is given x(t + dt): nobody but its own thread reads it. Springs lie `springs[k * masses + i]`, so that
 // neighbouring threads read neighbouring words.
 extern "C" __global__ void __launch_bounds__(256)
-    algorithm3(Setting setting, const float4* __restrict__ now, float4* __restrict__ before, const Spring* __restrict__ springs,
+    algorithm3(Setting setting, uint32_t step, const float4* __restrict__ now, float4* __restrict__ before, const Spring* __restrict__ springs,
                const uint32_t* __restrict__ properties, const float* __restrict__ stiffness, Tool* tool) {
     const uint32_t i = blockIdx.x * blockDim.x + threadIdx.x;
     if (i >= setting.masses) return;
@@ -71,14 +72,15 @@ extern "C" __global__ void __launch_bounds__(256)
 
     // Collision handling: a mass inside the tool is moved to its surface, and the tool feels the springs of that mass.
     const float4 sphere = tool->sphere;
-    const float d[3] = {next[0] - sphere.x, next[1] - sphere.y, next[2] - sphere.z};
+    const float centre[3] = {sphere.x + step * tool->move[0], sphere.y + step * tool->move[1], sphere.z + step * tool->move[2]};
+    const float d[3] = {next[0] - centre[0], next[1] - centre[1], next[2] - centre[2]};
     const float distance2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
     if (distance2 < sphere.w * sphere.w && distance2 > 0.0f) {
         const float out = sphere.w * rsqrtf(distance2);
-        next[0] = sphere.x + out * d[0];
-        next[1] = sphere.y + out * d[1];
-        next[2] = sphere.z + out * d[2];
-        for (int a = 0; a < 3; ++a) atomicAdd(&tool->felt[a], force[a]);
+        for (int a = 0; a < 3; ++a) {
+            next[a] = centre[a] + out * d[a];
+            atomicAdd(&tool->felt[a], force[a]);
+        }
     }
     before[i] = make_float4(next[0], next[1], next[2], 0.0f);
 }

@@ -10,8 +10,8 @@ use palpate::sim::{self, Precision, Sim, SimDesc};
 
 use super::allocations;
 use super::baseline::masses::Masses;
-use super::baseline::parallel::Parallel;
-use super::baseline::serial::Serial;
+use super::baseline::parallel::{Parallel, STEPS, Sphere};
+use super::baseline::serial::{STRETCH, Serial};
 use super::baseline::{self, Baseline};
 use super::options::{Arithmetic, Backend, Options};
 use super::pace::Pace;
@@ -153,18 +153,23 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
     })
 }
 
-/// What a scene is compared with: the paper's algorithm for the same kind of machine, with the tool where the press ends.
+/// What a scene is compared with: the paper's algorithm for the same kind of machine, where there is a tool when its press is at its end.
 fn compared(scene: &Scene, dt: f64, backend: Backend) -> Result<Box<dyn Baseline>> {
-    let masses = Masses::new(&scene.model);
-    Ok(match backend {
-        Backend::Cpu => Box::new(Serial::new(&masses, dt)),
-        Backend::Cuda => {
-            let end = scene.press.motion(scene.press.pressed_s(scene.press.depth_m)).pose;
-            let at = (scene.model.frame().inverse() * end).translation.vector;
-            let [x, y, z, r] = [at.x, at.y, at.z, scene.press.radius_m].map(|x| x as f32);
-            Box::new(Parallel::new(&masses, dt, SimDesc::default().drag_per_s, [x, y, z, r])?)
-        }
-    })
+    if backend == Backend::Cpu {
+        return Ok(Box::new(Serial::new(&Masses::new(&scene.model, STRETCH), dt)));
+    }
+    let (press, to_model) = (scene.press.clone(), scene.model.frame().inverse());
+    let sphere = Sphere {
+        radius_m: press.radius_m,
+        centre_m: Box::new(move |time_s| (to_model * press.motion(time_s).pose).translation.vector),
+    };
+    let masses = Masses::new(&scene.model, 1.0);
+    let mut parallel = Parallel::new(&masses, dt, SimDesc::default().drag_per_s, sphere)?;
+    let pressed_s = scene.press.pressed_s(scene.press.depth_m);
+    for _ in 0..(pressed_s / (f64::from(STEPS) * dt)).ceil() as usize {
+        parallel.advance()?;
+    }
+    Ok(Box::new(parallel))
 }
 
 /// Refuses a measurement without contact.

@@ -5,9 +5,6 @@
 use palpate::model::Model;
 use palpate::model::lattice::flag;
 
-/// Stretch that the springs start with, so that they have something to do.
-const STRETCH: f32 = 1.005;
-
 /// The masses of a model.
 pub struct Masses {
     /// Points of the grid along x, y, z.
@@ -20,6 +17,7 @@ pub struct Masses {
     points: Vec<u32>,
     held: Vec<bool>,
     cell_m: f32,
+    stretch: f32,
     stiffness: [f32; 16],
 }
 
@@ -35,8 +33,9 @@ pub struct Link {
 }
 
 impl Masses {
-    /// Stiffness by mass is that of the lattice's edges.
-    pub fn new(model: &Model) -> Self {
+    /// The masses of a model, and how far their springs are stretched at the start, 1 being not at all. Stiffness by mass is that of the
+    /// lattice's edges.
+    pub fn new(model: &Model, stretch: f32) -> Self {
         let lattice = model.lattice();
         let side = lattice.cells().map(|n| n + 1);
         let mut words = vec![0; side.iter().product()];
@@ -56,7 +55,7 @@ impl Masses {
             if law.corner_kg > 0.0 { (law.spring_n_m / (2.0 * law.corner_kg)) as f32 } else { 0.0 }
         });
         let held = points.iter().map(|&point| is_held[point as usize]).collect();
-        Self { side, words, numbers, points, held, cell_m: lattice.cell_m() as f32, stiffness }
+        Self { side, words, numbers, points, held, cell_m: lattice.cell_m() as f32, stretch, stiffness }
     }
 
     /// How many masses there are.
@@ -64,10 +63,10 @@ impl Masses {
         self.points.len()
     }
 
-    /// Where they start, model frame, in m: a little stretched. The fourth number is 0.
+    /// Where they start, model frame, in m. The fourth number is 0.
     pub fn positions(&self) -> Vec<[f32; 4]> {
         let position = |mass| {
-            let [x, y, z] = self.node(mass).map(|i| i as f32 * self.cell_m * STRETCH);
+            let [x, y, z] = self.node(mass).map(|i| i as f32 * self.cell_m * self.stretch);
             [x, y, z, 0.0]
         };
         (0..self.count()).map(position).collect()

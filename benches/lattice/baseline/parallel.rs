@@ -3,7 +3,7 @@
 //! One thread for each mass. Positions are four floats, of this and of the last step; for each of 26 neighbours a mass has that one's index and
 //! the spring's rest length; each mass has flags and a material, each material one stiffness. Damping and gravity are in the force (equation 4),
 //! the vector of gravity being 0, for the rest shape is in balance with it. The tool is a sphere: masses in it are displaced to its surface, and
-//! the spring forces on them are summed, which is what it feels. It is written before a graph of [`STEPS`] steps and read after it.
+//! the spring forces on them are summed, which is what it feels. Its way is written before a graph of [`STEPS`] steps, the sum read after it.
 //!
 //! Beyond the paper: a mass may be held, as the model says. All others are active. In favour of the baseline, held masses compute nothing; the
 //! spring data lie neighbour by neighbour, so that threads read side by side; and the barriers in lines 4 and 21, which were to help memory of
@@ -13,10 +13,12 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::{CUgraphInstantiate_flags, CUstreamCaptureMode};
 use cudarc::driver::{
-    CudaContext, CudaGraph, CudaSlice, CudaStream, DeviceRepr, DriverError, LaunchConfig, PushKernelArg,
+    CudaContext, CudaFunction, CudaGraph, CudaSlice, CudaStream, DeviceRepr, DriverError, LaunchConfig,
+    PushKernelArg,
 };
 use cudarc::nvrtc::Ptx;
 use palpate::error::{Error, Result};
+use palpate::math::Vec3;
 
 use super::Baseline;
 use super::masses::{Masses, offsets};
@@ -45,11 +47,12 @@ pub struct Spring {
     pub rest_m: f32,
 }
 
-/// A sphere, centre and radius in m, and the sum of forces that it felt.
+/// A sphere, centre and radius, at the start of a graph, its way in a step, in m, and the sum of forces that it felt.
 #[repr(C)]
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Tool {
     sphere: [f32; 4],
+    way: [f32; 4],
     felt: [f32; 4],
 }
 
@@ -70,32 +73,41 @@ unsafe impl DeviceRepr for Tool {}
 // SAFETY: see above.
 unsafe impl DeviceRepr for Setting {}
 
+/// A sphere that moves as it is told.
+pub struct Sphere {
+    /// In m.
+    pub radius_m: f64,
+    /// Where its centre is at a time in s, model frame.
+    pub centre_m: Box<dyn Fn(f64) -> Vec3>,
+}
+
 /// A mass–spring system on the GPU, as the paper lays it out.
 pub struct Parallel {
     stream: Arc<CudaStream>,
     graph: CudaGraph,
     positions: [CudaSlice<[f32; 4]>; 2],
     tool: CudaSlice<Tool>,
-    sphere: [f32; 4],
+    sphere: Sphere,
     felt: [f32; 4],
-    /// The graph reads these.
-    _constant: (CudaSlice<Spring>, CudaSlice<u32>, CudaSlice<f32>),
+    time_s: f64,
+    dt: f64,
+    /// The graph runs this, and reads these.
+    _kept: (CudaFunction, CudaSlice<Spring>, CudaSlice<u32>, CudaSlice<f32>),
 }
 
 impl Parallel {
-    /// The masses at rest on the first GPU, with a step of `dt` seconds, damping in 1/s and a sphere in the model frame, centre and radius in m.
-    /// There must be a driver.
-    pub fn new(masses: &Masses, dt: f64, damping_per_s: f64, sphere: [f32; 4]) -> Result<Self> {
+    /// The masses at the start on the first GPU, with a step of `dt` seconds, damping in 1/s and a tool. There must be a driver.
+    pub fn new(masses: &Masses, dt: f64, damping_per_s: f64, sphere: Sphere) -> Result<Self> {
         let setting = Setting {
             masses: masses.count() as u32,
             dt: dt as f32,
             damping: damping_per_s as f32,
             gravity: [0.0; 3],
         };
-        Self::record(masses, setting, sphere).map_err(failed)
+        Self::record(masses, setting, dt, sphere).map_err(failed)
     }
 
-    fn record(masses: &Masses, setting: Setting, sphere: [f32; 4]) -> Result<Self, DriverError> {
+    fn record(masses: &Masses, setting: Setting, dt: f64, sphere: Sphere) -> Result<Self, DriverError> {
         let context = CudaContext::new(0)?;
         // SAFETY: all work is in one stream, in order; nothing needs events, which no graph could record.
         unsafe { context.disable_event_tracking() };
@@ -113,7 +125,7 @@ impl Parallel {
         }
         let properties = stream.clone_htod(&properties(masses))?;
         let stiffness = stream.clone_htod(masses.stiffness())?;
-        let mut tool = stream.clone_htod(&[Tool { sphere, felt: [0.0; 4] }])?;
+        let mut tool = stream.clone_htod(&[Tool::default()])?;
         stream.synchronize()?;
 
         let blocks = LaunchConfig {
@@ -122,10 +134,10 @@ impl Parallel {
             shared_mem_bytes: 0,
         };
         stream.begin_capture(CUstreamCaptureMode::CU_STREAM_CAPTURE_MODE_THREAD_LOCAL)?;
-        for _ in 0..STEPS {
+        for step in 1..=STEPS {
             let [now, before] = &mut positions;
             let mut launch = stream.launch_builder(&kernel);
-            launch.arg(&setting).arg(&*now).arg(&mut *before);
+            launch.arg(&setting).arg(&step).arg(&*now).arg(&mut *before);
             launch.arg(&springs).arg(&properties).arg(&stiffness).arg(&mut tool);
             // SAFETY: the kernel's arguments, as declared; what they point to lives as long as the graph.
             unsafe { launch.launch(blocks)? };
@@ -139,7 +151,9 @@ impl Parallel {
             tool,
             sphere,
             felt: [0.0; 4],
-            _constant: (springs, properties, stiffness),
+            time_s: 0.0,
+            dt,
+            _kept: (kernel, springs, properties, stiffness),
         })
     }
 
@@ -150,12 +164,20 @@ impl Parallel {
     }
 
     fn run(&mut self) -> Result<(), DriverError> {
-        let mut tool = [Tool { sphere: self.sphere, felt: [0.0; 4] }];
+        let end_s = self.time_s + f64::from(STEPS) * self.dt;
+        let [from, to] = [self.time_s, end_s].map(|time_s| (self.sphere.centre_m)(time_s));
+        let numbers = |v: Vec3, last: f64| [v.x, v.y, v.z, last].map(|x| x as f32);
+        let mut tool = [Tool {
+            sphere: numbers(from, self.sphere.radius_m),
+            way: numbers((to - from) / f64::from(STEPS), 0.0),
+            felt: [0.0; 4],
+        }];
         self.stream.memcpy_htod(&tool, &mut self.tool)?;
         self.graph.launch()?;
         self.stream.memcpy_dtoh(&self.tool, &mut tool)?;
         self.stream.synchronize()?;
         self.felt = tool[0].felt;
+        self.time_s = end_s;
         Ok(())
     }
 }

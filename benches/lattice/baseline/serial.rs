@@ -12,6 +12,9 @@ use palpate::error::{Error, Result};
 use super::Baseline;
 use super::masses::{Masses, offsets};
 
+/// Stretch that the springs start with, so that they have something to do.
+pub const STRETCH: f32 = 1.005;
+
 /// A mass–spring system as the paper lays it out.
 pub struct Serial {
     now: Vec<[f32; 4]>,
@@ -25,7 +28,7 @@ pub struct Serial {
 }
 
 impl Serial {
-    /// The masses at rest, with a step of `dt` seconds.
+    /// The masses at the start, with a step of `dt` seconds.
     pub fn new(masses: &Masses, dt: f64) -> Self {
         let now = masses.positions();
         let (mut ends, mut rest, mut material) = (Vec::new(), Vec::new(), Vec::new());

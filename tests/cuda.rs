@@ -1,10 +1,12 @@
 //! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
 
-mod support;
+#[path = "support/gpu.rs"]
+mod gpu;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use gpu::has_gpu;
 use palpate::cuda::device::Device;
 use palpate::error::Error;
 use palpate::math::{Pose, Vec3};
@@ -13,7 +15,6 @@ use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{Backend, NodeField, Precision, Sim, SimDesc, SurfaceField};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
-use support::has_gpu;
 
 /// Relative difference of displacements after a thousand substeps in single precision, at strains of some percent.
 const SAME_MOTION: f64 = 1e-5;

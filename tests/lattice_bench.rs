@@ -10,11 +10,13 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 
+#[path = "support/gpu.rs"]
+mod gpu;
 #[allow(dead_code)] // its own program uses the rest
 #[path = "../benches/lattice/main.rs"]
 mod lattice;
-mod support;
 
+use gpu::has_gpu;
 use lattice::baseline::Baseline;
 use lattice::baseline::masses::{Masses, offsets};
 use lattice::baseline::parallel::{NO_MASS, Parallel, STEPS, Sphere, properties, springs_at};
@@ -23,7 +25,6 @@ use lattice::ellipsoid;
 use lattice::options::{Options, SceneName};
 use lattice::pace::Pace;
 use lattice::place::Place;
-use support::has_gpu;
 
 /// Cells of a block along x, y, z, and the edge of one in m.
 const CELLS: [usize; 3] = [5, 4, 3];

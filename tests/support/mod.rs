@@ -1,11 +1,9 @@
-//! What tests share: the shipped library, a C compiler, whether there is a GPU, and a loud way to skip.
+//! What tests of the C ABI share: the shipped library, a C compiler, and a loud way to skip.
 #![allow(dead_code)] // each test binary uses a part
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-
-use palpate::cuda::device::Device;
 
 /// The repository's root.
 pub fn root() -> &'static Path {
@@ -59,18 +57,6 @@ pub fn need(programs: &[&'static str]) -> Option<&'static str> {
 /// A C compiler.
 pub fn c_compiler() -> Option<&'static str> {
     need(&["cc", "gcc", "clang"])
-}
-
-/// Whether there is a GPU; a test that needs one returns where there is none. Where `PALPATE_GPU` is set there must be one.
-pub fn has_gpu(test: &str) -> bool {
-    match Device::open(None) {
-        Ok(_) => true,
-        Err(error) => {
-            assert!(std::env::var_os("PALPATE_GPU").is_none(), "{error}");
-            eprintln!("SKIPPED without a GPU: {test} ({error})");
-            false
-        }
-    }
 }
 
 /// Runs a command and shows all it said when it fails.

@@ -1,4 +1,4 @@
-//! Finds the kernels' images for the library: those that lie in `kernels/prebuilt`, checked against their sources, or, with the feature
+//! Finds the kernels' images: those that lie in `prebuilt` beside their sources, checked against these, or, with the feature
 //! `build-kernels`, fresh ones from nvcc.
 
 use std::env;
@@ -16,7 +16,28 @@ use sha2::{Digest, Sha256};
 const IMAGES: [&str; 5] = ["lattice", "near", "contact", "surface", "report"];
 /// What they include.
 const HEADERS: [&str; 4] = ["block.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
-/// The compiler that made the images in `kernels/prebuilt`.
+/// Sources in one folder that are compiled, checked and kept together.
+struct Set {
+    folder: &'static str,
+    images: &'static [&'static str],
+    headers: &'static [&'static str],
+    /// Whether older drivers get them too, as PTX.
+    has_ptx: bool,
+    /// The variable that tells the compiler where the images are.
+    variable: &'static str,
+}
+/// The library's kernels, and those that the bench compares them with: no library holds these.
+const SETS: [Set; 2] = [
+    Set { folder: "kernels", images: &IMAGES, headers: &HEADERS, has_ptx: true, variable: "PALPATE_KERNELS" },
+    Set {
+        folder: "benches/lattice",
+        images: &["baseline"],
+        headers: &[],
+        has_ptx: false,
+        variable: "PALPATE_BASELINE",
+    },
+];
+/// The compiler that made the images in `prebuilt`.
 const NVCC: &str = "13.0.88";
 /// Approximate roots and quotients, and denormal numbers as zero: a displacement that small is none.
 const FLAGS: [&str; 5] = ["-std=c++17", "-O3", "-ftz=true", "-prec-div=false", "-prec-sqrt=false"];
@@ -38,41 +59,67 @@ const PTX_VERSIONS: [&str; 2] = [".version 9.0", ".version 7.0"];
 /// A hint to analysing tools that came later than that version.
 const LATER_HINT: &str = ".pragma \"used_bytes_mask";
 
+impl Set {
+    fn path(&self) -> PathBuf {
+        Path::new(&env::var("CARGO_MANIFEST_DIR").expect("cargo sets it")).join(self.folder)
+    }
+
+    /// Names of what is made of them.
+    fn kept(&self) -> impl Iterator<Item = String> {
+        let kinds: &[&str] = if self.has_ptx { &["fatbin", "ptx"] } else { &["fatbin"] };
+        self.images.iter().flat_map(move |image| kinds.iter().map(move |kind| format!("{image}.{kind}")))
+    }
+
+    /// Names of all source files.
+    fn files(&self) -> impl Iterator<Item = String> {
+        let images = self.images.iter().map(|image| format!("{image}.cu"));
+        images.chain(self.headers.iter().map(|name| (*name).to_owned()))
+    }
+}
+
 /// Tells the compiler where the images are.
 pub fn provide() {
-    let kernels = Path::new(&env::var("CARGO_MANIFEST_DIR").expect("cargo sets it")).join("kernels");
-    println!("cargo:rerun-if-changed=kernels");
-    let prebuilt = kernels.join("prebuilt");
-    let digest = digest(&kernels);
-    let images = if env::var_os("CARGO_FEATURE_BUILD_KERNELS").is_some() {
+    SETS.iter().for_each(provide_set);
+}
+
+fn provide_set(set: &Set) {
+    let Set { folder, images, variable, .. } = set;
+    for file in set.files().chain(["prebuilt".into()]) {
+        println!("cargo:rerun-if-changed={folder}/{file}");
+    }
+    let prebuilt = set.path().join("prebuilt");
+    let digest = digest(set);
+    let found = if env::var_os("CARGO_FEATURE_BUILD_KERNELS").is_some() {
         let fresh = PathBuf::from(env::var("OUT_DIR").expect("cargo sets it"));
-        IMAGES.iter().for_each(|image| make(&kernels, image, &fresh));
+        images.iter().for_each(|image| make(set, image, &fresh));
         println!("cargo:rerun-if-env-changed=PALPATE_KEEP_KERNELS");
         if env::var_os("PALPATE_KEEP_KERNELS").is_some() {
-            keep(&fresh, &prebuilt, &digest);
+            keep(set, &fresh, &prebuilt, &digest);
         }
         fresh
     } else {
         let made_of = fs::read_to_string(prebuilt.join("SOURCES.sha256")).unwrap_or_default();
         assert!(
             made_of.trim() == digest,
-            "kernels/prebuilt was made from other sources than kernels/ holds now. With nvcc {NVCC} in reach, make it again by\n    \
+            "{folder}/prebuilt was made from other sources than {folder} holds now. With nvcc {NVCC} in reach, make it again by\n    \
              PALPATE_KEEP_KERNELS=1 cargo build --features build-kernels"
         );
         prebuilt
     };
-    IMAGES.iter().for_each(|image| pack(&images.join(image).with_extension("ptx")));
-    println!("cargo:rustc-env=PALPATE_KERNELS={}", images.display());
+    if set.has_ptx {
+        images.iter().for_each(|image| pack(&found.join(image).with_extension("ptx")));
+    }
+    println!("cargo:rustc-env={variable}={}", found.display());
 }
 
 /// Of everything that the images depend on.
-fn digest(kernels: &Path) -> String {
+fn digest(set: &Set) -> String {
     let mut hash = Sha256::new();
     hash.update(NVCC);
     let how = FLAGS.iter().chain(&FATBIN).chain(&PTX).chain(&PTX_VERSIONS);
     how.chain([&LATER_HINT]).for_each(|text| hash.update(text));
-    for name in IMAGES.iter().map(|image| format!("{image}.cu")).chain(HEADERS.map(String::from)) {
-        let text = fs::read_to_string(kernels.join(&name)).expect("the kernels' sources are readable");
+    for name in set.files() {
+        let text = fs::read_to_string(set.path().join(&name)).expect("the kernels' sources are readable");
         hash.update(name);
         // A checkout may have changed the line ends.
         hash.update(text.replace('\r', ""));
@@ -83,12 +130,15 @@ fn digest(kernels: &Path) -> String {
     })
 }
 
-/// Makes both images of one source file.
-fn make(kernels: &Path, image: &str, to: &Path) {
+/// Makes the images of one source file.
+fn make(set: &Set, image: &str, to: &Path) {
     let to = to.join(image);
-    compile(kernels, image, &FATBIN, &to.with_extension("fatbin"));
+    compile(&set.path(), image, &FATBIN, &to.with_extension("fatbin"));
+    if !set.has_ptx {
+        return;
+    }
     let ptx = to.with_extension("ptx");
-    compile(kernels, image, &PTX, &ptx);
+    compile(&set.path(), image, &PTX, &ptx);
     let text = fs::read_to_string(&ptx).expect("nvcc has written it");
     fs::write(&ptx, as_older(&text)).expect("the build's own folder can be written");
 }
@@ -117,10 +167,10 @@ fn pack(ptx: &Path) {
 }
 
 /// Runs the compiler on one source file.
-fn compile(kernels: &Path, image: &str, kind: &[&str], to: &Path) {
+fn compile(sources: &Path, image: &str, kind: &[&str], to: &Path) {
     let nvcc = nvcc();
     let status = Command::new(&nvcc)
-        .current_dir(kernels)
+        .current_dir(sources)
         .args(FLAGS)
         .args(kind)
         .arg(format!("{image}.cu"))
@@ -129,7 +179,7 @@ fn compile(kernels: &Path, image: &str, kind: &[&str], to: &Path) {
         .status();
     match status {
         Ok(status) if status.success() => {}
-        Ok(status) => panic!("{} could not compile kernels/{image}.cu: {status}", nvcc.display()),
+        Ok(status) => panic!("{} could not compile {image}.cu: {status}", nvcc.display()),
         Err(error) => {
             panic!("{} could not be started: {error}; set PALPATE_NVCC to nvcc's path", nvcc.display())
         }
@@ -149,11 +199,11 @@ fn nvcc() -> PathBuf {
 }
 
 /// Puts fresh images where builds without a compiler find them.
-fn keep(fresh: &Path, prebuilt: &Path, digest: &str) {
-    fs::create_dir_all(prebuilt).expect("kernels/prebuilt can be made");
-    for name in IMAGES.iter().flat_map(|image| [format!("{image}.fatbin"), format!("{image}.ptx")]) {
-        fs::copy(fresh.join(&name), prebuilt.join(&name)).expect("kernels/prebuilt can be written");
+fn keep(set: &Set, fresh: &Path, prebuilt: &Path, digest: &str) {
+    fs::create_dir_all(prebuilt).expect("the folder of the images can be made");
+    for name in set.kept() {
+        fs::copy(fresh.join(&name), prebuilt.join(&name)).expect("the folder of the images can be written");
     }
     fs::write(prebuilt.join("SOURCES.sha256"), format!("{digest}\n"))
-        .expect("kernels/prebuilt can be written");
+        .expect("the folder of the images can be written");
 }

@@ -182,10 +182,13 @@ __device__ Vec impulse_of(const Known& known, const Impulse& j) { return known.i
 
 // Whether a carrier's first active site is `a`: who cares for that one cares for the carrier as well.
 __device__ bool is_first(const Work& w, const Carrier& carrier, uint32_t a) {
-    uint32_t e = carrier.start, other = NOT_ACTIVE;
-#pragma unroll 1
-    for (; other == NOT_ACTIVE; ++e) other = w.room.active[w.c.loads[e].site];
-    return other == a;
+    uint32_t first = NOT_ACTIVE;
+#pragma unroll 4
+    for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
+        // Active sites are numbered in the order of the list.
+        first = min(first, uint32_t(w.room.active[w.c.loads[e].site]));
+    }
+    return first == a;
 }
 
 // The sum of all impulses on a carrier.
@@ -455,14 +458,17 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
         if (first == 0) __syncthreads();
         uint64_t met = 0;
         uint32_t mine = 0, k = 0, end = 0;
-        // Which tools the site is inside first, then the points.
+        // Which tools the site is inside first, then the points; most are inside one and were looked at last.
+        Probe p;
+        uint32_t looked_at = ~0u;
 #pragma unroll 1
         for (int round = 0; round < 2; ++round) {
 #pragma unroll 1
             for (uint32_t t = 0; t < tools && site < sites; ++t) {
                 if (round == 1 && (k == end || !(met >> t & 1))) continue;
                 const ToolStep& tool = step.tools[t];
-                const Probe p = probe(c, tool, now[t], before[t], vec(rest), moved, came);
+                if (t != looked_at) p = probe(c, tool, now[t], before[t], vec(rest), moved, came);
+                looked_at = t;
                 const float depth = -p.met.distance;
                 if (round == 0) {
                     met |= uint64_t(depth > 0.0f) << t;

@@ -136,20 +136,22 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         const Vec share = centre(small, c.division);
         vertex = corners[0];
         rest = rest_of(c, corners[0]) * share.x + rest_of(c, corners[1]) * share.y + rest_of(c, corners[2]) * share.z;
-        carry(corners[0], share.x);
-        carry(corners[1], share.y);
-        carry(corners[2], share.z);
+        const float shares[3] = {share.x, share.y, share.z};
+#pragma unroll 1
+        for (int i = 0; i < 3; ++i) carry(corners[i], shares[i]);
     } else {
         rest = rest_of(c, vertex);
         carry(vertex, 1.0f);
     }
     const uint32_t name = element * of_each + small;
     c.site_names[site] = make_uint2(vertex, name);
+#pragma unroll 1
     for (uint32_t i = 0; i < MAX_ROW; ++i) {
         c.site_slots[i * MAX_SITES + site] = i < count ? slots[i] : 0;
         c.site_weights[i * MAX_SITES + site] = i < count ? weights[i] : 0.0f;
     }
     float most = 0.0f;
+#pragma unroll 1
     for (uint32_t i = 0; i < count; ++i) {
         const float4 mobility = mobility_of(pass, slots[i]);
         most = fmaxf(most, fabsf(weights[i]) * fmaxf(mobility.x, fmaxf(mobility.y, mobility.z)));
@@ -192,8 +194,10 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
         __syncwarp();
         // In the order of the sites. Loads are counted first and written then; couplings have their place.
         uint32_t start = site * MAX_COUPLED, count = 0;
+#pragma unroll 1
         for (int round = is_site ? 1 : 0; round < 2; ++round) {
             count = 0;
+#pragma unroll 1
             for (uint32_t first = 0; first < sites; first += 32) {
                 const uint32_t other = first + lane;
                 float4 by = make_float4(0, 0, 0, 0);
@@ -201,6 +205,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
                 if (other < sites) {
                     const float4 there = c.site_rest[other];
                     const Vec apart{there.x - rest.x, there.y - rest.y, there.z - rest.z};
+#pragma unroll 1
                     for (int i = 0; i < MAX_ROW && dot(apart, apart) <= c.reach * c.reach; ++i) {
                         const float w = c.site_weights[i * MAX_SITES + other];
                         if (w == 0.0f) break;
@@ -209,6 +214,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
                             if (on == slot) weight = w;
                             continue;
                         }
+#pragma unroll 1
                         for (int j = 0; j < MAX_ROW && weights[warp][j] != 0.0f; ++j) {
                             if (slots[warp][j] != on) continue;
                             const float share = w * weights[warp][j];

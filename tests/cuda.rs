@@ -1,8 +1,12 @@
 //! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
 
+#[path = "support/gpu.rs"]
+mod gpu;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use gpu::has_gpu;
 use palpate::cuda::device::Device;
 use palpate::error::Error;
 use palpate::math::{Pose, Vec3};
@@ -22,18 +26,6 @@ const SAME_FORCE: f64 = 1e-4;
 const SAME_TIP_FORCE: f64 = 5e-2;
 /// Edge of a cell in m.
 const CELL_M: f64 = 2e-3;
-
-/// Whether there is a GPU; a test that needs one returns where there is none. Where `PALPATE_GPU` is set there must be one.
-fn has_gpu(test: &str) -> bool {
-    match Device::open(None) {
-        Ok(_) => true,
-        Err(error) => {
-            assert!(std::env::var_os("PALPATE_GPU").is_none(), "{error}");
-            eprintln!("SKIPPED without a GPU: {test} ({error})");
-            false
-        }
-    }
-}
 
 /// The largest of numbers, or a NaN once one is met: a maximum alone would lose it.
 fn most(numbers: impl Iterator<Item = f64>) -> f64 {

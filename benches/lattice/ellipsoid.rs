@@ -9,9 +9,10 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 
-use super::measure::{Scene, measure, simulation};
-use super::options::Options;
-use super::press::Press;
+use super::measure::{Scene, measure};
+use super::options::{Backend, Options};
+use super::pace::Pace;
+use super::press::{Press, radius};
 use super::report::Report;
 
 /// Edge length of a cell in m.
@@ -19,45 +20,62 @@ const CELL_M: f64 = 2e-3;
 /// Semi-axes by the longest one.
 const SHAPE: [f64; 3] = [1.0, 0.7, 0.5];
 /// Nodes when the command line names none.
-const SIZES: [usize; 4] = [4_000, 34_108, 82_105, 262_144];
+const CPU_SIZES: &[usize] = &[4_000, 34_108, 82_105, 262_144];
+const CUDA_SIZES: &[usize] = &[34_108, 82_105, 150_250, 1_000_000, 16_000_000];
 /// Soft enough for one or two substeps in a millisecond, as in the fastest tissue that presets know.
-const YOUNG_PA: f64 = 3e3;
+const CPU_YOUNG_PA: f64 = 3e3;
+/// The stiffest that the thorax keeps: a hundred substeps are 12 to 20 ms, in which the tool moves by a third of a cell at most.
+const CUDA_YOUNG_PA: f64 = 20e3;
 /// Without and with the volume term.
 const POISSON: [f64; 2] = [0.25, 0.45];
 const DENSITY_KG_M3: f64 = 1000.0;
+/// Size and depth of the press: so shallow that no cell turns inside out, and forces grow as Young's modulus does.
+const RADIUS_M: f64 = 8.0 * CELL_M;
+const DEPTH_M: f64 = 2.0 * CELL_M;
 /// Share of the height, from below, that is held.
 const HELD: f64 = 0.15;
 
 /// Runs all sizes and Poisson's ratios that the options ask for.
 pub fn run(options: &Options, report: &mut Report) {
-    let sizes = options.nodes.map_or(SIZES.to_vec(), |n| vec![n]);
-    let ratios = options.nu.map_or(POISSON.to_vec(), |nu| vec![nu]);
-    for nodes in sizes {
-        for &poisson in &ratios {
+    let sizes = match options.backend {
+        Backend::Cpu => CPU_SIZES,
+        Backend::Cuda => CUDA_SIZES,
+    };
+    for nodes in options.nodes.map_or(sizes.to_vec(), |n| vec![n]) {
+        for poisson in ratios(options) {
             match scene(nodes, poisson, options) {
-                Ok(scene) => report.add(&measure(&scene, options)),
+                Ok(scene) => report.add(measure(&scene, options)),
                 Err(error) => report.fail("ellipsoid", &error.to_string()),
             }
         }
     }
 }
 
-fn scene(nodes: usize, poisson: f64, options: &Options) -> Result<Scene> {
-    let young_pa = options.young.unwrap_or(YOUNG_PA);
+/// Poisson's ratios that the options ask for.
+pub fn ratios(options: &Options) -> Vec<f64> {
+    options.nu.map_or(POISSON.to_vec(), |nu| vec![nu])
+}
+
+/// The ellipsoid with as nearly so many nodes as there can be.
+pub fn scene(nodes: usize, poisson: f64, options: &Options) -> Result<Scene> {
+    let young_pa = options.young.unwrap_or(match options.backend {
+        Backend::Cpu => CPU_YOUNG_PA,
+        Backend::Cuda => CUDA_YOUNG_PA,
+    });
     let model = Arc::new(model(nodes, Material::new("tissue", young_pa, poisson, DENSITY_KG_M3)?)?);
-    let top = simulation(model.clone(), false, options)?.pick(Vec3::z(), -Vec3::z())?;
     let press = Press {
-        radius_m: 5.0 * CELL_M,
+        radius_m: radius(RADIUS_M, &model),
         friction: 0.3,
-        point_m: top.expect("the ellipsoid lies around the origin").point_m,
+        point_m: Vec3::z() * highest(&model),
         direction: -Vec3::z(),
         gap_m: 0.5 * CELL_M,
-        depth_m: 3.0 * CELL_M,
+        depth_m: DEPTH_M,
         speed_m_s: 0.03,
         circle_m: CELL_M,
     };
     Ok(Scene {
         name: "ellipsoid".into(),
+        pace: Pace::of(options, &model),
         model,
         measured_from_m: press.depth_m,
         press,
@@ -68,8 +86,15 @@ fn scene(nodes: usize, poisson: f64, options: &Options) -> Result<Scene> {
     })
 }
 
+/// Height of the contact surface's highest vertex, world frame, in m.
+fn highest(model: &Model) -> f64 {
+    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
+    let heights = vertices.map(|vertex| model.frame().transform_point(&(*vertex).into()).z);
+    heights.fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// An ellipsoid around the origin with as nearly so many nodes as there can be.
-fn model(nodes: usize, material: Material) -> Result<Model> {
+pub fn model(nodes: usize, material: Material) -> Result<Model> {
     let (dims, labels) = voxels(semi_axis(nodes));
     let low = Vec3::from_fn(|a, _| -0.5 * dims[a] as f64 * CELL_M);
     let centre = low + Vec3::repeat(0.5 * CELL_M);
@@ -85,20 +110,7 @@ fn model(nodes: usize, material: Material) -> Result<Model> {
 }
 
 /// The longest semi-axis, in cells, whose ellipsoid comes nearest to a number of nodes.
-fn semi_axis(nodes: usize) -> f64 {
-    let count = |axis: f64| {
-        let (dims, labels) = voxels(axis);
-        let side = dims.map(|n| n + 1);
-        let mut is_node = vec![false; side.iter().product()];
-        for cell in (0..labels.len()).filter(|&cell| labels[cell] != 0) {
-            let at = [cell % dims[0], cell / dims[0] % dims[1], cell / (dims[0] * dims[1])];
-            for corner in 0..8 {
-                let node = [0, 1, 2].map(|a| at[a] + (corner >> a & 1));
-                is_node[node[0] + side[0] * (node[1] + side[1] * node[2])] = true;
-            }
-        }
-        is_node.iter().filter(|&&is| is).count()
-    };
+pub fn semi_axis(nodes: usize) -> f64 {
     let guess = (nodes as f64 / (4.0 / 3.0 * std::f64::consts::PI * 0.35)).cbrt();
     let (mut low, mut high) = (0.5 * guess, guess + 2.0);
     let mut best = (usize::MAX, guess);
@@ -109,6 +121,24 @@ fn semi_axis(nodes: usize) -> f64 {
         if found < nodes { low = middle } else { high = middle }
     }
     best.1
+}
+
+/// Nodes of the ellipsoid with a longest semi-axis of so many cells.
+pub fn count(semi_axis: f64) -> usize {
+    let axes = SHAPE.map(|share| share * semi_axis);
+    // On either side of the middle a row of nodes reaches as far as the longest row of cells that it touches: the one nearest to the middle.
+    let reach = |row: [usize; 2]| {
+        let [y, z] = [0, 1].map(|a| (row[a].saturating_sub(1) as f64 + 0.5) / axes[a + 1]);
+        (axes[0] * (1.0 - y * y - z * z).max(0.0).sqrt() - 0.5).ceil().max(0.0) as usize
+    };
+    let sides = |n: usize| if n == 0 { 1 } else { 2 };
+    let [_, ny, nz] = axes.map(|axis| axis.ceil() as usize);
+    let rows = (0..=nz).flat_map(|k| (0..=ny).map(move |j| [j, k]));
+    rows.map(|row| match reach(row) {
+        0 => 0,
+        cells => sides(row[0]) * sides(row[1]) * (2 * cells + 1),
+    })
+    .sum()
 }
 
 /// Cells whose centres lie in the ellipsoid.

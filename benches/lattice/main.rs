@@ -1,9 +1,10 @@
-//! How fast the lattice steps, on scenes with a tool in contact, against the serial algorithm that it replaces.
+//! How fast the lattice steps, on scenes with a tool in contact, against the algorithms that it replaces.
 //!
-//! `cargo bench --bench lattice` prints a table, `cargo bench --bench lattice -- --json` one object per line. All options:
-//! `cargo bench --bench lattice -- --help`. The scenes of real anatomy need the folder that `PALPATE_DATA` names.
+//! `cargo bench --bench lattice` prints a table, `cargo bench --bench lattice -- --json` one object per line, `-- --backend cuda` runs all of it
+//! on a GPU. All options: `cargo bench --bench lattice -- --help`. The scenes of real anatomy need the folder that `PALPATE_DATA` names.
 //!
-//! A *step* below is one call of [`palpate::sim::Sim::step`], which consists of substeps:
+//! A *step* below is one call of [`palpate::sim::Sim::step`], which consists of substeps: on the processor, of a millisecond with as many as
+//! the model needs; on a GPU, of a hundred that are stable (see [`pace`]).
 //!
 //! | key | what |
 //! |---|---|
@@ -15,24 +16,33 @@
 //! | `awake_nodes` | mean over the measured steps |
 //! | `allocations` | heap allocations by any thread while steps were measured |
 //! | `bytes_per_node` | resident for state and topology, without surfaces |
-//! | `baseline_us_per_step`, `ratio` | median of [`baseline::Serial`]'s steps, taken before and after; that over `us_per_step` |
+//! | `max_force_n`, `contact_points`, `dropped_points` | largest force and most points in contact while steps were measured; points without room, ever |
+//! | `baseline_us_per_step`, `ratio` | median of the [`baseline`]'s steps, taken before and after; that over `us_per_step` |
 //!
-//! Gravity is on and the rest shape is in balance with it, as in any simulation that does not ask otherwise; so is background drag.
+//! With `--latency`, a step has one substep, and a *tick* is what a servo loop does: the host writes a pose, steps, and reads the force. `p50_us` to
+//! `max_us` are then wall times of ticks, `min_force_n` and `max_force_n` the bounds of the force while they were taken.
+//!
+//! Gravity is on and the rest shape is in balance with it, as in any simulation that does not ask otherwise; so is background drag. Steps
+//! without any contact are an error, and so is a missing GPU.
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
 mod allocations;
-mod baseline;
-mod ellipsoid;
+pub(crate) mod baseline;
+pub(crate) mod ellipsoid;
+mod latency;
 mod measure;
-mod options;
+pub(crate) mod options;
+pub(crate) mod pace;
+pub(crate) mod place;
 mod press;
 mod report;
 mod thorax;
 
-use self::options::{Backend, Options, SceneName};
+use self::options::{Options, SceneName};
+use self::place::Place;
 use self::report::Report;
 
 #[global_allocator]
@@ -40,16 +50,27 @@ static ALLOCATOR: allocations::Counting = allocations::Counting;
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    if options.backend == Backend::Cuda {
-        eprintln!("lattice: the backend 'cuda' is not in this build");
-        return ExitCode::from(2);
+    match Place::of(&options) {
+        Ok(place) => run(&options, place),
+        Err(error) => {
+            eprintln!("lattice: {error}");
+            ExitCode::from(2)
+        }
     }
-    let mut report = Report::new(options.json);
+}
+
+/// Runs all that the options ask for.
+fn run(options: &Options, place: Place) -> ExitCode {
+    let mut report = Report::new(options.json, place);
+    if options.latency {
+        latency::run(options, &mut report);
+        return report.finish();
+    }
     for scene in options.scenes() {
         match scene {
-            SceneName::Ellipsoid => ellipsoid::run(&options, &mut report),
-            SceneName::Thorax45 | SceneName::Thorax3 | SceneName::Lung45 => {
-                thorax::run(scene, &options, &mut report);
+            SceneName::Ellipsoid => ellipsoid::run(options, &mut report),
+            SceneName::Thorax45 | SceneName::Thorax3 | SceneName::Thorax15 | SceneName::Lung45 => {
+                thorax::run(scene, options, &mut report);
             }
         }
     }

@@ -3,14 +3,18 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use palpate::error::Result;
+use palpate::error::{Error, Result};
 use palpate::math::Vec3;
 use palpate::model::Model;
-use palpate::sim::{Precision, Sim, SimDesc};
+use palpate::sim::{self, Precision, Sim, SimDesc};
 
 use super::allocations;
-use super::baseline::{self, Serial};
-use super::options::{Arithmetic, Options};
+use super::baseline::masses::Masses;
+use super::baseline::parallel::{Parallel, STEPS, Sphere};
+use super::baseline::serial::{STRETCH, Serial};
+use super::baseline::{self, Baseline};
+use super::options::{Arithmetic, Backend, Options};
+use super::pace::Pace;
 use super::press::Press;
 use super::report::{Figures, Timing};
 
@@ -18,6 +22,7 @@ use super::report::{Figures, Timing};
 pub struct Scene {
     pub name: String,
     pub model: Arc<Model>,
+    pub pace: Pace,
     pub press: Press,
     pub sleeping: bool,
     /// Depth of the press at which measuring starts, in m.
@@ -28,16 +33,46 @@ pub struct Scene {
     pub poisson: Option<f64>,
 }
 
+impl Scene {
+    /// What is known before anything has run.
+    pub fn figures(&self) -> Figures {
+        let lattice = self.model.lattice();
+        Figures {
+            scene: self.name.clone(),
+            sleeping: self.sleeping,
+            nodes: lattice.node_count(),
+            cells: lattice.cell_count(),
+            triangles: self.model.surfaces()[self.model.contact_surface()].triangles.len(),
+            cell_m: lattice.cell_m(),
+            tool_radius_m: self.press.radius_m,
+            young_pa: self.young_pa,
+            young_cap_pa: self.young_cap_pa,
+            poisson: self.poisson,
+            dt_s: self.pace.step_s,
+            ..Figures::default()
+        }
+    }
+
+    /// Steps before measuring starts.
+    pub fn lead(&self) -> usize {
+        self.pace.steps(self.press.pressed_s(self.measured_from_m))
+    }
+}
+
 /// The simulation that the options ask for.
-pub fn simulation(model: Arc<Model>, sleeping: bool, options: &Options) -> Result<Sim> {
-    let precision = match options.precision {
-        Arithmetic::F32 => Precision::Single,
-        Arithmetic::F64 => Precision::Double,
-    };
+pub fn simulation(model: Arc<Model>, sleeping: bool, pace: Pace, options: &Options) -> Result<Sim> {
     let desc = SimDesc {
-        precision,
+        backend: match options.backend {
+            Backend::Cpu => sim::Backend::Cpu,
+            Backend::Cuda => sim::Backend::Cuda { index: None },
+        },
+        precision: match options.precision {
+            Arithmetic::F32 => Precision::Single,
+            Arithmetic::F64 => Precision::Double,
+        },
         threads: options.threads,
-        step_s: options.dt,
+        step_s: pace.step_s,
+        substeps: pace.substeps,
         gravity_m_s2: Vec3::new(0.0, 0.0, -9.81),
         sleeping,
         ..SimDesc::default()
@@ -47,24 +82,7 @@ pub fn simulation(model: Arc<Model>, sleeping: bool, options: &Options) -> Resul
 
 /// The figures of a scene; those up to an error, should there be one.
 pub fn measure(scene: &Scene, options: &Options) -> Figures {
-    let lattice = scene.model.lattice();
-    let mut figures = Figures {
-        scene: scene.name.clone(),
-        backend: "cpu",
-        device: device(),
-        precision: if options.precision == Arithmetic::F32 { "f32" } else { "f64" },
-        threads: if options.threads == 0 { cores() } else { options.threads },
-        sleeping: scene.sleeping,
-        nodes: lattice.node_count(),
-        cells: lattice.cell_count(),
-        triangles: scene.model.surfaces()[scene.model.contact_surface()].triangles.len(),
-        cell_m: lattice.cell_m(),
-        young_pa: scene.young_pa,
-        young_cap_pa: scene.young_cap_pa,
-        poisson: scene.poisson,
-        dt_s: options.dt,
-        ..Figures::default()
-    };
+    let mut figures = scene.figures();
     match run(scene, options) {
         Ok(timing) => figures.timing = Some(timing),
         Err(error) => figures.error = Some(error.to_string()),
@@ -73,21 +91,20 @@ pub fn measure(scene: &Scene, options: &Options) -> Figures {
 }
 
 fn run(scene: &Scene, options: &Options) -> Result<Timing> {
-    let mut sim = simulation(scene.model.clone(), scene.sleeping, options)?;
+    let mut sim = simulation(scene.model.clone(), scene.sleeping, scene.pace, options)?;
     let mut tool = sim.add_tool(&scene.press.tool())?;
-    let lead = (scene.press.pressed_s(scene.measured_from_m) / options.dt).ceil() as usize;
-    let count = (options.seconds / options.dt).ceil().max(1.0) as usize;
+    let (lead, count) = (scene.lead(), scene.pace.steps(options.seconds));
 
-    let mut serial = Serial::new(&scene.model, sim.statistics().substep_s);
-    let mut serial_us = Vec::new();
-    serial.measure(&mut serial_us);
+    let mut compared = compared(scene, sim.statistics().substep_s, options.backend)?;
+    let mut compared_us = Vec::new();
+    baseline::measure(&mut *compared, &mut compared_us)?;
 
     let mut walls_us = Vec::with_capacity(count);
     let mut passes_us = Vec::with_capacity(count);
-    let (mut awake, mut force, mut strain) = (0, 0.0, 0.0);
+    let (mut awake, mut force, mut strain, mut points) = (0, 0.0, 0.0, 0);
     let mut allocated = 0;
     for step in 0..lead + count {
-        tool.set_motion(&scene.press.motion((step + 1) as f64 * options.dt))?;
+        tool.set_motion(&scene.press.motion((step + 1) as f64 * scene.pace.step_s))?;
         if step == lead {
             allocated = allocations::count();
         }
@@ -101,15 +118,17 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
             awake += statistics.awake_nodes;
             force = f64::max(force, tool.force().wrench.force_n.norm());
             strain = f64::max(strain, statistics.max_strain);
+            points = points.max(statistics.contact_points);
         }
     }
     let allocations = allocations::count() - allocated;
-    serial.measure(&mut serial_us);
+    must_touch(force)?;
+    baseline::measure(&mut *compared, &mut compared_us)?;
 
     let statistics = sim.statistics();
     let wall_us: f64 = walls_us.iter().sum();
     let us_per_step = quantile(&mut passes_us, 0.5);
-    let baseline_us_per_step = quantile(&mut serial_us, 0.5);
+    let baseline_us_per_step = quantile(&mut compared_us, 0.5);
     Ok(Timing {
         substep_s: statistics.substep_s,
         substeps: statistics.substeps_per_step,
@@ -119,33 +138,49 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
         p50_us: quantile(&mut walls_us, 0.5),
         p99_us: quantile(&mut walls_us, 0.99),
         p999_us: quantile(&mut walls_us, 0.999),
-        rtf: count as f64 * options.dt * 1e6 / wall_us,
+        rtf: count as f64 * scene.pace.step_s * 1e6 / wall_us,
         awake_nodes: awake / count as u64,
         allocations,
         bytes_per_node: statistics.node_bytes as f64 / statistics.node_count as f64,
         max_force_n: force,
         max_strain: strain,
-        baseline: baseline::NAME,
+        contact_points: points,
+        dropped_points: statistics.dropped_points,
+        baseline: compared.name(),
         baseline_us_per_step,
-        baseline_least_us: serial_us[0],
+        baseline_least_us: compared_us[0],
         ratio: baseline_us_per_step / us_per_step,
     })
 }
 
-/// The nearest-rank quantile.
-fn quantile(values: &mut [f64], q: f64) -> f64 {
+/// What a scene is compared with: the paper's algorithm for the same kind of machine, where there is a tool when its press is at its end.
+fn compared(scene: &Scene, dt: f64, backend: Backend) -> Result<Box<dyn Baseline>> {
+    if backend == Backend::Cpu {
+        return Ok(Box::new(Serial::new(&Masses::new(&scene.model, STRETCH), dt)));
+    }
+    let (press, to_model) = (scene.press.clone(), scene.model.frame().inverse());
+    let sphere = Sphere {
+        radius_m: press.radius_m,
+        centre_m: Box::new(move |time_s| (to_model * press.motion(time_s).pose).translation.vector),
+    };
+    let masses = Masses::new(&scene.model, 1.0);
+    let mut parallel = Parallel::new(&masses, dt, SimDesc::default().drag_per_s, sphere)?;
+    let pressed_s = scene.press.pressed_s(scene.press.depth_m);
+    for _ in 0..(pressed_s / (f64::from(STEPS) * dt)).ceil() as usize {
+        parallel.advance()?;
+    }
+    Ok(Box::new(parallel))
+}
+
+/// Refuses a measurement without contact.
+pub fn must_touch(force_n: f64) -> Result<()> {
+    (force_n > 0.0)
+        .then_some(())
+        .ok_or_else(|| Error::argument("the tool touched nothing while steps were measured"))
+}
+
+/// The nearest-rank quantile; sorts.
+pub fn quantile(values: &mut [f64], q: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((q * values.len() as f64).ceil() as usize).clamp(1, values.len()) - 1]
-}
-
-fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// The processor's own name where the system tells it.
-fn device() -> String {
-    let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let line = told.lines().find_map(|line| line.strip_prefix("model name"));
-    let name = line.and_then(|line| line.split_once(':')).map(|(_, name)| name.trim().to_owned());
-    name.unwrap_or_else(|| std::env::consts::ARCH.to_owned())
 }

@@ -10,23 +10,27 @@ pub struct Options {
     #[arg(long, value_enum, default_value_t = Backend::Cpu)]
     pub backend: Backend,
 
-    /// Scene to run; may be repeated. All when left out
+    /// Scene to run; may be repeated. All when left out, thorax-1.5mm on a GPU only
     #[arg(long = "scene", value_enum, value_name = "NAME")]
     pub scenes: Vec<SceneName>,
 
-    /// Nodes of the ellipsoid, as near as it can be; 4,000, 34,108, 82,105 and 262,144 when left out
+    /// Nodes of the ellipsoid, as near as it can be; several sizes when left out
     #[arg(long, value_name = "N")]
     pub nodes: Option<usize>,
 
-    /// Simulated length of a step; it has as many substeps as the model needs
-    #[arg(long, value_name = "S", default_value_t = 1e-3)]
-    pub dt: f64,
+    /// Simulated length of a step; 1e-3 on the processor, 100 stable substeps on a GPU when left out
+    #[arg(long, value_name = "S")]
+    pub dt: Option<f64>,
+
+    /// Substeps of a step; as many as the model needs when left out, but 100 on a GPU where --dt is left out too
+    #[arg(long, value_name = "N", conflicts_with = "latency")]
+    pub substeps: Option<u32>,
 
     /// Poisson's ratio of all tissue; 0.25 and 0.45 in the ellipsoid, presets in the thorax when left out
     #[arg(long, value_name = "V")]
     pub nu: Option<f64>,
 
-    /// Young's modulus of all tissue; 3 kPa in the ellipsoid, presets in the thorax when left out
+    /// Young's modulus of all tissue; 3 kPa (on a GPU 20 kPa) in the ellipsoid, presets in the thorax when left out
     #[arg(long, value_name = "PA")]
     pub young: Option<f64>,
 
@@ -45,6 +49,14 @@ pub struct Options {
     /// Threads that compute; 0 for one on each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
+
+    /// Measure what a servo loop waits for instead: pose in, a step of one substep, force out, in the ellipsoid
+    #[arg(long, conflicts_with = "scenes")]
+    pub latency: bool,
+
+    /// Ticks of that loop
+    #[arg(long, value_name = "N", default_value_t = 100_000, requires = "latency", value_parser = positive)]
+    pub ticks: usize,
 
     /// Print one JSON object per line instead of a table
     #[arg(long)]
@@ -80,6 +92,9 @@ pub enum SceneName {
     /// The thorax at half its resolution.
     #[value(name = "thorax-3mm")]
     Thorax3,
+    /// The thorax at its full resolution.
+    #[value(name = "thorax-1.5mm")]
+    Thorax15,
     /// The lungs alone, with their vessels and airway walls.
     #[value(name = "lung-4.5mm")]
     Lung45,
@@ -88,6 +103,19 @@ pub enum SceneName {
 impl Options {
     /// The scenes asked for.
     pub fn scenes(&self) -> Vec<SceneName> {
-        if self.scenes.is_empty() { SceneName::value_variants().to_vec() } else { self.scenes.clone() }
+        if !self.scenes.is_empty() {
+            return self.scenes.clone();
+        }
+        let takes_minutes = |scene| scene == SceneName::Thorax15 && self.backend == Backend::Cpu;
+        SceneName::value_variants().iter().copied().filter(|&scene| !takes_minutes(scene)).collect()
+    }
+}
+
+/// A count that is not 0.
+fn positive(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) => Err("must be at least 1".into()),
+        Ok(count) => Ok(count),
+        Err(error) => Err(format!("{error}")),
     }
 }

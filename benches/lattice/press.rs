@@ -3,8 +3,11 @@
 use std::f64::consts::TAU;
 
 use palpate::math::{Pose, Vec3};
+use palpate::model::Model;
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
+/// Least radius of a sphere by the longest edge of the surface that it meets: what contact on a GPU asks for, and a little more.
+const RADIUS_BY_EDGE: f64 = 2.05;
 /// Rounds per second of the circle.
 const ROUNDS_PER_S: f64 = 2.0;
 
@@ -27,6 +30,14 @@ pub struct Press {
     pub speed_m_s: f64,
     /// Radius of the circle after that, in m; 0 holds still.
     pub circle_m: f64,
+}
+
+/// A radius for a sphere that meets a model, in m: the wanted one, or a larger one where the contact surface is too coarse for that.
+pub fn radius(wanted_m: f64, model: &Model) -> f64 {
+    let surface = &model.surfaces()[model.contact_surface()];
+    let edges = surface.triangles.iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+    let lengths = edges.map(|[a, b]| (surface.positions[a as usize] - surface.positions[b as usize]).norm());
+    wanted_m.max(RADIUS_BY_EDGE * lengths.fold(0.0, f64::max))
 }
 
 impl Press {

@@ -5,19 +5,21 @@ use std::process::ExitCode;
 use comfy_table::{CellAlignment, Table, presets};
 use serde::Serialize;
 
+use super::place::Place;
+
 /// The figures of one run. See the head of `main.rs`.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Figures {
     pub scene: String,
-    pub backend: &'static str,
-    pub device: String,
-    pub precision: &'static str,
-    pub threads: usize,
+    /// Filled in by the report.
+    #[serde(flatten)]
+    pub place: Place,
     pub sleeping: bool,
     pub nodes: usize,
     pub cells: usize,
     pub triangles: usize,
     pub cell_m: f64,
+    pub tool_radius_m: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub young_pa: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,6 +29,8 @@ pub struct Figures {
     pub dt_s: f64,
     #[serde(flatten)]
     pub timing: Option<Timing>,
+    #[serde(flatten)]
+    pub latency: Option<Latency>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -48,21 +52,42 @@ pub struct Timing {
     pub bytes_per_node: f64,
     pub max_force_n: f64,
     pub max_strain: f64,
+    pub contact_points: u32,
+    pub dropped_points: u64,
     pub baseline: &'static str,
     pub baseline_us_per_step: f64,
     pub baseline_least_us: f64,
     pub ratio: f64,
 }
 
+/// What a servo loop has waited for.
+#[derive(Clone, Debug, Serialize)]
+pub struct Latency {
+    pub ticks: usize,
+    pub substep_s: f64,
+    pub substeps: u32,
+    pub p50_us: f64,
+    pub p99_us: f64,
+    pub p999_us: f64,
+    pub max_us: f64,
+    pub awake_nodes: u64,
+    pub allocations: u64,
+    pub min_force_n: f64,
+    pub max_force_n: f64,
+    pub contact_points: u32,
+    pub dropped_points: u64,
+}
+
 /// Collects figures.
 pub struct Report {
     is_json: bool,
-    table: Table,
-    device: String,
+    place: Place,
+    scenes: Table,
+    latencies: Table,
     has_failed: bool,
 }
 
-const HEADER: [&str; 15] = [
+const SCENES: [&str; 15] = [
     "scene",
     "nodes",
     "E kPa",
@@ -80,42 +105,49 @@ const HEADER: [&str; 15] = [
     "ratio",
 ];
 
+const LATENCIES: [&str; 10] = [
+    "scene",
+    "nodes",
+    "E kPa",
+    "ν",
+    "substep ms",
+    "ticks",
+    "p50 / p99 / p999 µs",
+    "most µs",
+    "least / peak N",
+    "allocations",
+];
+
 impl Report {
-    pub fn new(is_json: bool) -> Self {
-        let mut table = Table::new();
-        table.load_style(presets::UTF8_FULL_CONDENSED);
-        table.set_header(HEADER);
-        for column in table.column_iter_mut().skip(1) {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-        Self { is_json, table, device: String::new(), has_failed: false }
+    pub fn new(is_json: bool, place: Place) -> Self {
+        let (scenes, latencies) = (empty(SCENES), empty(LATENCIES));
+        Self { is_json, place, scenes, latencies, has_failed: false }
     }
 
     /// Adds the figures of one run.
-    pub fn add(&mut self, figures: &Figures) {
+    pub fn add(&mut self, mut figures: Figures) {
+        figures.place = self.place.clone();
         if let Some(error) = &figures.error {
             self.has_failed = true;
             eprintln!("FAILED: {} with {} nodes: {error}", figures.scene, figures.nodes);
         }
         if self.is_json {
-            println!("{}", serde_json::to_string(figures).expect("figures are plain numbers and text"));
+            println!("{}", serde_json::to_string(&figures).expect("figures are plain numbers and text"));
             return;
         }
-        let Figures { device, precision, threads, .. } = figures;
-        self.device = format!("{device}, {threads} threads, {precision}");
-        let Some(timing) = &figures.timing else { return };
-        eprintln!("{} with {} nodes: {:.1} µs per substep", figures.scene, figures.nodes, timing.us_per_step);
-        self.table.add_row(row(figures, timing));
+        if let Some(timing) = &figures.timing {
+            let Figures { scene, nodes, .. } = &figures;
+            eprintln!("{scene} with {nodes} nodes: {:.1} µs per substep", timing.us_per_step);
+            self.scenes.add_row(row(&figures, timing));
+        }
+        if let Some(latency) = &figures.latency {
+            self.latencies.add_row(latency_row(&figures, latency));
+        }
     }
 
     /// Notes that a scene could not be built.
     pub fn fail(&mut self, scene: &str, error: &str) {
-        self.add(&Figures {
-            scene: scene.into(),
-            backend: "cpu",
-            error: Some(error.into()),
-            ..Figures::default()
-        });
+        self.add(Figures { scene: scene.into(), error: Some(error.into()), ..Figures::default() });
     }
 
     /// Says loudly that a scene was not run.
@@ -125,26 +157,45 @@ impl Report {
 
     /// Prints what has not been printed; gives the exit status.
     pub fn finish(self) -> ExitCode {
-        if !self.is_json && !self.table.is_empty() {
-            println!("{}\n{}", self.device, self.table);
+        let Place { device, precision, threads, .. } = &self.place;
+        let threads = threads.map_or(String::new(), |threads| format!(", {threads} threads"));
+        for table in [&self.scenes, &self.latencies].into_iter().filter(|table| !table.is_empty()) {
+            println!("{device}{threads}, {precision}\n{table}");
         }
         ExitCode::from(u8::from(self.has_failed))
     }
 }
 
-fn row(figures: &Figures, timing: &Timing) -> [String; 15] {
+/// A table without rows.
+fn empty<const N: usize>(header: [&str; N]) -> Table {
+    let mut table = Table::new();
+    table.load_style(presets::UTF8_FULL_CONDENSED);
+    table.set_header(header);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// Young's modulus in kPa, and Poisson's ratio.
+fn material(figures: &Figures) -> [String; 2] {
     let young = match (figures.young_pa, figures.young_cap_pa) {
         (Some(young), None) => format!("{}", young / 1e3),
         (Some(young), Some(cap)) => format!("{}", young.min(cap) / 1e3),
         (None, Some(cap)) => format!("presets ≤ {}", cap / 1e3),
         (None, None) => "presets".into(),
     };
+    [young, figures.poisson.map_or("presets".into(), |nu| nu.to_string())]
+}
+
+fn row(figures: &Figures, timing: &Timing) -> [String; 15] {
+    let [young, poisson] = material(figures);
     let ms = |us: f64| format!("{:.2}", us * 1e-3);
     [
         figures.scene.clone(),
         figures.nodes.to_string(),
         young,
-        figures.poisson.map_or("presets".into(), |nu| nu.to_string()),
+        poisson,
         if figures.sleeping { "on".into() } else { "off".into() },
         format!("{} × {:.3}", timing.substeps, timing.substep_s * 1e3),
         format!("{:.1} ({:.1})", timing.us_per_step, timing.least_us_per_step),
@@ -156,5 +207,21 @@ fn row(figures: &Figures, timing: &Timing) -> [String; 15] {
         format!("{:.0}", timing.bytes_per_node),
         format!("{:.0} ({:.0})", timing.baseline_us_per_step, timing.baseline_least_us),
         format!("{:.1}", timing.ratio),
+    ]
+}
+
+fn latency_row(figures: &Figures, latency: &Latency) -> [String; 10] {
+    let [young, poisson] = material(figures);
+    [
+        figures.scene.clone(),
+        figures.nodes.to_string(),
+        young,
+        poisson,
+        format!("{:.3}", latency.substep_s * 1e3),
+        latency.ticks.to_string(),
+        [latency.p50_us, latency.p99_us, latency.p999_us].map(|us| format!("{us:.1}")).join(" / "),
+        format!("{:.1}", latency.max_us),
+        format!("{:.2} / {:.2}", latency.min_force_n, latency.max_force_n),
+        latency.allocations.to_string(),
     ]
 }

@@ -17,7 +17,8 @@ use palpate::sim::{Pick, Sim};
 
 use super::measure::{Scene, measure, simulation};
 use super::options::{Options, SceneName};
-use super::press::Press;
+use super::pace::Pace;
+use super::press::{Press, radius};
 use super::report::Report;
 
 /// The tissue of each label; no name is nothing.
@@ -34,6 +35,7 @@ const RAYS: usize = 15;
 pub fn run(name: SceneName, options: &Options, report: &mut Report) {
     let (title, cell_m, labels): (_, _, &[u16]) = match name {
         SceneName::Lung45 => ("lung-4.5mm", 4.5e-3, &LUNG),
+        SceneName::Thorax15 => ("thorax-1.5mm", 1.5e-3, &[]),
         SceneName::Thorax3 => ("thorax-3mm", 3e-3, &[]),
         _ => ("thorax-4.5mm", 4.5e-3, &[]),
     };
@@ -50,7 +52,7 @@ pub fn run(name: SceneName, options: &Options, report: &mut Report) {
         Ok(mut scene) => {
             for sleeping in [true, false] {
                 scene.sleeping = sleeping;
-                report.add(&measure(&scene, options));
+                report.add(measure(&scene, options));
             }
         }
         Err(error) => report.fail(title, &error.to_string()),
@@ -67,10 +69,11 @@ fn prepare(title: &str, path: &PathBuf, cell_m: f64, only: &[u16], options: &Opt
     build.young_cap_pa = Some(options.young_cap);
     let model = Arc::new(build.run(&mut |_, _| true)?);
 
+    let pace = Pace::of(options, &model);
     let press = Press {
-        radius_m: 10e-3,
+        radius_m: radius(10e-3, &model),
         friction: 0.3,
-        point_m: softest(&simulation(model.clone(), true, options)?)?.point_m,
+        point_m: softest(&simulation(model.clone(), true, pace, options)?)?.point_m,
         direction: -FRONT,
         gap_m: 1e-3,
         depth_m: 15e-3,
@@ -80,6 +83,7 @@ fn prepare(title: &str, path: &PathBuf, cell_m: f64, only: &[u16], options: &Opt
     Ok(Scene {
         name: title.into(),
         model,
+        pace,
         press,
         sleeping: true,
         measured_from_m: 0.0,

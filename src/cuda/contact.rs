@@ -8,7 +8,8 @@ use std::sync::Arc;
 use super::device::Device;
 use super::kernels::Kernels;
 use super::layout::{
-    self, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, ToolSum, count, point,
+    self, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, ToolSum, count,
+    point,
 };
 use super::memory::{Buffer, Stream};
 use super::pointer;

@@ -76,7 +76,7 @@ fn without_a_gpu_the_bench_says_why() {
     let found = Place::of(&options(&["--backend", "cuda"]));
     match (found, Device::open(None)) {
         (Ok(place), Ok(device)) => {
-            assert_eq!((place.backend, &*place.device), ("cuda", device.info().name.as_str()))
+            assert_eq!((place.backend, &*place.device), ("cuda", device.info().name.as_str()));
         }
         (Err(error), Err(reason)) => {
             assert!(matches!(error, Error::NoDevice(_)));

@@ -410,7 +410,7 @@ impl ContactSurface {
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
-                kernel.launch(&stream.device, stream.handle, 1, THREADS, self.room.bytes(), arguments)?
+                kernel.launch(&stream.device, stream.handle, 1, THREADS, self.room.bytes(), arguments)?;
             };
         }
         Ok(())

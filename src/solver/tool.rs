@@ -234,13 +234,15 @@ impl ToolDesc {
     }
 
     /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
-    /// it meets first (negative), and that plane's outward normal. The way is looked at in `strides` equal strides, 64 at most.
+    /// it meets first (negative), and that plane's outward normal. The way is looked at in `strides` equal strides, 64 at most; where it
+    /// is one or less, at its end alone.
     ///
     /// At the end alone, a point that went past the middle of a thin tool would be pushed out on the wrong side, and one that went
     /// through would be missed.
     pub fn meet(&self, start: Vec3, end: Vec3, strides: f64) -> Option<(f64, Vec3)> {
         let count = strides.ceil().clamp(1.0, MAX_STRIDES);
-        for stride in 0..=count as u32 {
+        let first = if strides > 1.0 { 0 } else { count as u32 };
+        for stride in first..=count as u32 {
             let at = start + (end - start) * (f64::from(stride) / count);
             let (distance, normal) = self.distance(at);
             if distance < 0.0 {

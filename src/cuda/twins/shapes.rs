@@ -231,8 +231,8 @@ fn sweeping_points_meet_the_tools_that_they_meet_on_the_processor() {
             tool: tool(&mut noise, number),
             start: vector(&mut noise, 0.08),
             end: vector(&mut noise, 0.03),
-            // From none to more than are taken.
-            strides: single((40.0 + 42.0 * noise.next()).max(0.0)),
+            // From less than one to more than are taken.
+            strides: single((40.0 + 42.0 * noise.next()).max(0.5)),
         })
         .collect();
     // Through a thin plate and out again; along its face; and standing still inside.

@@ -25,6 +25,10 @@ constexpr float MOVABLE = 1e-3f;
 // Most points of one site: more tools than that do not meet in one place.
 constexpr uint32_t MOST_OF_SITE = 7;
 constexpr uint16_t NOT_ACTIVE = 0xffff;
+// Tools and their parts that are fetched before it is known how many there are: a word for each thread.
+constexpr int EARLY_TOOLS = THREADS * 4 / sizeof(ToolStep), EARLY_PARTS = THREADS * 4 / sizeof(Part);
+// Loads of a carrier that a thread keeps in registers.
+constexpr int HELD_LOADS = 8;
 
 __device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
 __device__ Vec vec(const float4& v) { return {v.x, v.y, v.z}; }
@@ -72,14 +76,14 @@ struct Probe {
     Distance met;
 };
 
-__device__ __forceinline__ Probe probe(const Contact& c, const ToolStep& tool, const View& now, const View& before, const Vec& rest, const Vec& moved,
+__device__ __forceinline__ Probe probe(const Part* parts, const ToolStep& tool, const View& now, const View& before, const Vec& rest, const Vec& moved,
                                        const Vec& came) {
     Probe p{from_tool(rest, now) + moved, 0.0f, {1.0f, {0, 0, 1}}};
     const Vec local = rotate(conjugate(now.turn), p.at);
     const Vec start = rotate(conjugate(before.turn), from_tool(rest, before) + came);
     p.travel = norm(local - start);
     const float strides = p.travel / tool.spacing;
-    if (strides > 1.0f || dot(p.at, p.at) < tool.radius * tool.radius) p.met = meet(c.parts + tool.part, tool.part_count, start, local, strides);
+    if (strides > 1.0f || dot(p.at, p.at) < tool.radius * tool.radius) p.met = meet(parts + tool.part, tool.part_count, start, local, strides);
     return p;
 }
 
@@ -127,14 +131,9 @@ __device__ __forceinline__ float improve(const Known& k, const Vec& change, floa
 // How far impulses are carried on in the direction of an iteration's change.
 __device__ float momentum_of(int iteration) { return float(iteration) / float(iteration + 3); }
 
-// The dynamic shared memory.
-struct Room {
-    // Impulses on active sites, of two iterations in turn.
-    float4* impulse[2];
-    // Which site an active one is, its first point; and which active one a site is.
-    uint16_t *site, *first, *active;
-    __device__ Room(float4* at, uint32_t points)
-        : impulse{at, at + points}, site(reinterpret_cast<uint16_t*>(at + 2 * points)), first(site + points), active(first + points + 8) {}
+// Which sites are active, in their order: the site, its first point, and what a site is among them.
+struct Active {
+    uint16_t site[MAX_POINTS], first[MAX_POINTS + 1], of[MAX_SITES];
 };
 
 // What a block works on.
@@ -142,7 +141,8 @@ struct Work {
     const Contact& c;
     const Pass& pass;
     const Step& step;
-    const Room room;
+    const ToolStep* tools;
+    const Active& sites;
     // Points of now, and of the last time.
     const Points points, old;
     uint32_t tag, active;
@@ -173,7 +173,7 @@ __device__ __forceinline__ Impulse guess_of(const Work& w, const uint2& touch, u
 // What is known of a point on a site that moves with `velocity` and that all points together move by 1 / `mass` at most.
 __device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float mass) {
     const float4 normal = w.points.at(NORMAL, k);
-    const ToolStep& tool = w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)];
+    const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
     return {vec(normal), normal.w, velocity - velocity_of(tool, vec(w.points.at(AT, k)), w.step.duration), mass, tool.friction};
 }
 
@@ -186,18 +186,18 @@ __device__ bool is_first(const Work& w, const Carrier& carrier, uint32_t a) {
 #pragma unroll 4
     for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
         // Active sites are numbered in the order of the list.
-        first = min(first, uint32_t(w.room.active[w.c.loads[e].site]));
+        first = min(first, uint32_t(w.sites.of[w.c.loads[e].site]));
     }
     return first == a;
 }
 
-// The sum of all impulses on a carrier.
-__device__ __forceinline__ Vec load_of(const Work& w, const Carrier& carrier, const float4* impulses) {
+// The sum of all impulses on a carrier, by its loads from `start` to `end`.
+__device__ __forceinline__ Vec load_of(const Work& w, uint32_t start, uint32_t end, const float4* impulses) {
     Vec sum{0, 0, 0};
 #pragma unroll 4
-    for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
+    for (uint32_t e = start; e < end; ++e) {
         const Load load = w.c.loads[e];
-        const uint32_t other = w.room.active[load.site];
+        const uint32_t other = w.sites.of[load.site];
         if (other != NOT_ACTIVE) sum = sum + vec(impulses[other]) * load.weight;
     }
     return sum;
@@ -217,45 +217,69 @@ __device__ void kick(const Work& w, uint32_t slot, const Vec& v, const float4& u
 
 // Vertices, no more of them active than there are groups, each with one point: a group keeps its site in registers, and each of its threads a node.
 __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
+    __shared__ float4 impulses[2][GROUPS];
     const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
     // Groups of a warp stay together; those without a site repeat another's work and keep it to themselves.
     const bool is_busy = (group & ~3u) < w.active, is_mine = group < w.active;
-    const uint32_t a = min(group, w.active - 1), site = w.room.site[a], at = lane * MAX_SITES + site;
+    const uint32_t a = min(group, w.active - 1), site = w.sites.site[a], at = lane * MAX_SITES + site;
     uint32_t others[HELD], widest = 0;
     Vec by[HELD];
     Known known;
     Impulse now, last;
     Carrier carrier;
+    Load loads[HELD_LOADS];
     Vec v;
     float4 u, mobility;
     bool is_carried = false;
     if (is_busy) {
-        const uint32_t slot = w.c.site_slots[at], on = w.c.site_carriers[at];
+        // All loads first.
+        carrier = w.c.site_carriers[at];
         const float weight = w.c.site_weights[at];
-        v = velocity_of(w, slot);
-        u = w.pass.u_next[slot];
-        is_carried = on != ~0u;
-        carrier = w.c.carriers[is_carried ? on : 0];
-        mobility = w.c.mobility[is_carried ? on : 0];
+        float4 couplings[HELD];
+#pragma unroll
+        for (int i = 0; i < HELD; ++i) couplings[i] = w.c.couplings[site * MAX_COUPLED + i * LANES + lane];
+        const uint2 touch = w.touched[a];
+        const uint32_t was = touch.y & 0xffff;
+        const float4 impulse = w.old.at(IMPULSE, was), names = w.old.at(NAMES, was);
+        is_carried = carrier.name != ~0u;
+        v = velocity_of(w, carrier.slot);
+        u = w.pass.u_next[carrier.slot];
+        mobility = w.c.mobility[is_carried ? carrier.name : 0];
+#pragma unroll
+        for (int i = 0; i < HELD_LOADS; ++i) loads[i] = i < carrier.count ? w.c.loads[carrier.start + i] : Load{site, 0.0f};
+
         float reach = 0.0f;
 #pragma unroll
         for (int i = 0; i < HELD; ++i) {
-            const float4 coupling = w.c.couplings[site * MAX_COUPLED + i * LANES + lane];
-            const uint32_t other = w.room.active[__float_as_uint(coupling.w)];
-            const bool is_there = other != NOT_ACTIVE && coupling.x + coupling.y + coupling.z != 0.0f;
+            const uint32_t other = w.sites.of[__float_as_uint(couplings[i].w)];
+            const bool is_there = other != NOT_ACTIVE && couplings[i].x + couplings[i].y + couplings[i].z != 0.0f;
             others[i] = is_there ? other : 0;
-            by[i] = is_there ? vec(coupling) : Vec{0, 0, 0};
+            by[i] = is_there ? vec(couplings[i]) : Vec{0, 0, 0};
             reach += fmaxf(fabsf(by[i].x), fmaxf(fabsf(by[i].y), fabsf(by[i].z)));
             if (__any_sync(~0u, is_there)) widest = i + 1;
         }
-        now = last = guess_of(w, w.touched[a], a);
         known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
+        // The last time's impulse, if there was one of the same tool.
+        now = {known.is_movable() ? 0.0f : -known.target, {0, 0, 0}};
+        if (known.is_movable() && touch.x == w.tag - 1 && __float_as_uint(names.x) == __float_as_uint(w.points.at(NAMES, a).x)) {
+            now = {fmaxf(impulse.w, 0.0f), vec(impulse) - known.normal * dot(vec(impulse), known.normal)};
+        }
+        last = now;
         if (lane == 0 && is_mine) {
-            w.room.impulse[0][a] = with(impulse_of(known, now), 0.0f);
+            impulses[0][a] = with(impulse_of(known, now), 0.0f);
             atomicMax(w.largest, __float_as_uint(now.push));
         }
-        // Who writes which node: to be known when impulses are.
-        is_carried = is_carried && is_mine && is_first(w, carrier, a);
+        // Who writes which node, and by which active sites' impulses.
+        uint32_t first = NOT_ACTIVE;
+#pragma unroll
+        for (int i = 0; i < HELD_LOADS; ++i) {
+            const uint32_t other = w.sites.of[loads[i].site];
+            first = min(first, i < carrier.count ? other : NOT_ACTIVE);
+            if (other == NOT_ACTIVE) loads[i].weight = 0.0f;
+            loads[i].site = other == NOT_ACTIVE ? 0 : other;
+        }
+        for (uint32_t e = carrier.start + HELD_LOADS; e < carrier.start + carrier.count; ++e) first = min(first, uint32_t(w.sites.of[w.c.loads[e].site]));
+        is_carried = is_carried && is_mine && first == a;
     }
     __syncthreads();
     const float small = CONVERGED * __uint_as_float(*w.largest);
@@ -265,7 +289,7 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
     for (; !is_done; ++iteration) {
         float changed = 0.0f;
         if (is_busy) {
-            const float4* const from = w.room.impulse[iteration & 1];
+            const float4* const from = impulses[iteration & 1];
             Vec change{0, 0, 0};
 #pragma unroll
             for (int i = 0; i < HELD; ++i) {
@@ -275,17 +299,23 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
             }
             change = group_sum(change);
             if (known.is_movable()) changed = improve(known, change, momentum_of(iteration), now, last);
-            if (lane == 0 && is_mine) w.room.impulse[~iteration & 1][a] = with(impulse_of(known, now), 0.0f);
+            if (lane == 0 && is_mine) impulses[~iteration & 1][a] = with(impulse_of(known, now), 0.0f);
         }
         is_done = !__syncthreads_or(changed > small) || iteration + 1 == ITERATIONS;
     }
     // What was found, without momentum.
+    const float4* const found = impulses[iteration & 1];
     if (lane == 0 && is_mine) {
-        w.room.impulse[iteration & 1][a] = with(impulse_of(known, last), 0.0f);
+        impulses[iteration & 1][a] = with(impulse_of(known, last), 0.0f);
         w.points.at(IMPULSE, a) = all.at(IMPULSE, a) = with(last.drag, last.push);
     }
     __syncthreads();
-    if (is_carried) kick(w, carrier.slot, v, u, scaled(mobility, load_of(w, carrier, w.room.impulse[iteration & 1])));
+    if (!is_carried) return;
+    Vec sum{0, 0, 0};
+#pragma unroll
+    for (int i = 0; i < HELD_LOADS; ++i) sum = sum + vec(found[loads[i].site]) * loads[i].weight;
+    sum = sum + load_of(w, carrier.start + HELD_LOADS, carrier.start + carrier.count, found);
+    kick(w, carrier.slot, v, u, scaled(mobility, sum));
 }
 
 // Any number of points: impulses go to the nodes, and from the nodes to the sites.
@@ -297,16 +327,16 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
     // The carriers, each once; for now with how much unit impulses on all sites move them at most.
 #pragma unroll 1
     for (uint32_t job = threadIdx.x; job < w.active * ROW; job += THREADS) {
-        const uint32_t a = job / ROW, on = w.c.site_carriers[job % ROW * MAX_SITES + w.room.site[a]];
-        if (on == ~0u) continue;
-        const Carrier carrier = w.c.carriers[on];
-        if (!is_first(w, carrier, a)) continue;
+        const uint32_t a = job / ROW;
+        const Carrier carrier = w.c.site_carriers[job % ROW * MAX_SITES + w.sites.site[a]];
+        const uint32_t on = carrier.name;
+        if (on == ~0u || !is_first(w, carrier, a)) continue;
         w.c.moved[atomicAdd(&moved, 1)] = on;
         float reach = 0.0f;
 #pragma unroll 4
         for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
             const Load load = w.c.loads[e];
-            if (w.room.active[load.site] != NOT_ACTIVE) reach += fabsf(load.weight);
+            if (w.sites.of[load.site] != NOT_ACTIVE) reach += fabsf(load.weight);
         }
         const float4 m = w.c.mobility[on];
         w.c.changes[on] = make_float4(0, 0, 0, reach * fmaxf(m.x, fmaxf(m.y, m.z)));
@@ -314,7 +344,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
     __syncthreads();
 #pragma unroll 1
     for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
-        const uint32_t site = w.room.site[a];
+        const uint32_t site = w.sites.site[a];
         const uint2 touch = w.c.touches[(~w.tag & 1) * MAX_SITES + site];
         Vec velocity{0, 0, 0}, sum{0, 0, 0};
         float reach = 0.0f;
@@ -323,9 +353,9 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             const float weight = w.c.site_weights[i * MAX_SITES + site];
             if (weight == 0.0f) continue;
             velocity = velocity + velocity_of(w, w.c.site_slots[i * MAX_SITES + site]) * weight;
-            reach += fabsf(weight) * w.c.changes[w.c.site_carriers[i * MAX_SITES + site]].w;
+            reach += fabsf(weight) * w.c.changes[w.c.site_carriers[i * MAX_SITES + site].name].w;
         }
-        for (uint32_t k = w.room.first[a]; k < w.room.first[a + 1]; ++k) {
+        for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
             const Impulse guess = guess_of(w, touch, k);
             const Known known = known_of(w, k, velocity, 1.0f / reach);
             w.points.at(BEFORE, k) = with(known.before, known.mass);
@@ -333,7 +363,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             sum = sum + impulse_of(known, guess);
             atomicMax(w.largest, __float_as_uint(guess.push));
         }
-        w.room.impulse[0][a] = with(sum, 0.0f);
+        w.c.impulses[a] = with(sum, 0.0f);
     }
     __syncthreads();
     const float small = CONVERGED * __uint_as_float(*w.largest);
@@ -344,7 +374,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
         for (uint32_t n = threadIdx.x; n < moved; n += THREADS) {
             const uint32_t on = w.c.moved[n];
             const Carrier carrier = w.c.carriers[on];
-            const Vec change = scaled(w.c.mobility[on], load_of(w, carrier, w.room.impulse[0]));
+            const Vec change = scaled(w.c.mobility[on], load_of(w, carrier.start, carrier.start + carrier.count, w.c.impulses));
             w.c.changes[on] = with(change, 0.0f);
             if (is_done) kick(w, carrier.slot, velocity_of(w, carrier.slot), w.pass.u_next[carrier.slot], change);
         }
@@ -353,16 +383,16 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
         float changed = 0.0f;
 #pragma unroll 1
         for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
-            const uint32_t site = w.room.site[a];
+            const uint32_t site = w.sites.site[a];
             Vec change{0, 0, 0}, sum{0, 0, 0};
 #pragma unroll 4
             for (int i = 0; i < ROW; ++i) {
-                const uint32_t on = w.c.site_carriers[i * MAX_SITES + site];
+                const uint32_t on = w.c.site_carriers[i * MAX_SITES + site].name;
                 if (on != ~0u) change = change + vec(w.c.changes[on]) * w.c.site_weights[i * MAX_SITES + site];
             }
-            for (uint32_t k = w.room.first[a]; k < w.room.first[a + 1]; ++k) {
+            for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
                 const float4 normal = w.points.at(NORMAL, k), seen = w.points.at(BEFORE, k), j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k);
-                const Known known{vec(normal), normal.w, vec(seen), seen.w, w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
+                const Known known{vec(normal), normal.w, vec(seen), seen.w, w.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
                 if (!known.is_movable()) continue;
                 Impulse now{j.w, vec(j)}, last{l.w, vec(l)};
                 // The last one's impulses are what was found, without momentum.
@@ -371,7 +401,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
                 w.points.at(LAST, k) = with(last.drag, last.push);
                 sum = sum + impulse_of(known, now);
             }
-            w.room.impulse[0][a] = with(sum, 0.0f);
+            w.c.impulses[a] = with(sum, 0.0f);
         }
         const bool is_found = !__syncthreads_or(changed > small);
         is_done = is_last;
@@ -385,7 +415,7 @@ __device__ __forceinline__ void tell_tools(const Work& w, double* given, uint32_
 #pragma unroll 1
     for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
         const float4 impulse = w.points.at(IMPULSE, k);
-        const ToolStep& tool = w.step.tools[__float_as_uint(w.points.at(NAMES, k).x)];
+        const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
         const bool is_pushed = impulse.w > 0.0f;
         const Vec at = vec(w.points.at(AT, k)), j = is_pushed ? vec(w.points.at(NORMAL, k)) * impulse.w + vec(impulse) : Vec{0, 0, 0}, m = cross(at, j);
         given[k] = -j.x, given[stride + k] = -j.y, given[2 * stride + k] = -j.z;
@@ -411,8 +441,9 @@ __device__ __forceinline__ void tell_tools(const Work& w, double* given, uint32_
 
 template <int ROW>
 __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, const Moment& moment) {
-    extern __shared__ float4 shared[];
-    const Room room(shared, c.max_points);
+    __shared__ Active actives;
+    __shared__ ToolStep tools[MAX_TOOLS];
+    __shared__ Part early_parts[EARLY_PARTS];
     __shared__ View now[MAX_TOOLS], before[MAX_TOOLS];
     __shared__ float4 mirror[(IMPULSE + 1) * GROUPS];
     __shared__ double given[7 * GROUPS];
@@ -420,15 +451,17 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
     __shared__ uint32_t largest, last_active;
     const uint32_t thread = threadIdx.x;
     const Step& step = *pass.step;
-    const uint32_t tools = step.tool_count, sites = c.counts[SITES], tag = c.counts[TAG] + 1, diverged_at = *pass.diverged_at;
+    // Tools and parts, before it is known how many there are.
+    constexpr uint32_t TOOL_WORDS = sizeof(ToolStep) / 4, PART_WORDS = sizeof(Part) / 4;
+    const uint32_t* const tool_words = reinterpret_cast<const uint32_t*>(step.tools);
+    const uint32_t tool_word = tool_words[thread], part_word = reinterpret_cast<const uint32_t*>(c.parts)[thread];
+    const uint32_t count_of_tools = step.tool_count, sites = c.counts[SITES], tag = c.counts[TAG] + 1, diverged_at = *pass.diverged_at;
     const bool follow = moment.tissue_moves && step.may_jump;
-    const float dt = step.dt;
-    if (moment.is_first && thread < tools) c.sums[thread] = ToolSum{};
-    // By the last threads, for the first ones have most to do.
-    if (THREADS - 1 - thread < 2 * tools) {
-        const uint32_t i = THREADS - 1 - thread, t = i / 2;
-        (i % 2 ? before : now)[t] = view_of(step.tools[t], i % 2 ? moment.from : moment.to);
-    }
+    const float dt = step.dt, push_limit = step.push_limit;
+    if (thread < EARLY_TOOLS * TOOL_WORDS) reinterpret_cast<uint32_t*>(tools)[thread] = tool_word;
+    if (thread < EARLY_PARTS * PART_WORDS) reinterpret_cast<uint32_t*>(early_parts)[thread] = part_word;
+    for (uint32_t i = EARLY_TOOLS * TOOL_WORDS + thread; i < count_of_tools * TOOL_WORDS; i += THREADS) reinterpret_cast<uint32_t*>(tools)[i] = tool_words[i];
+    if (moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
     if (thread == 0) largest = 0;
     const Points all{c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
     const Points old{c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
@@ -455,7 +488,15 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
             came = moved;
         }
         if (diverged_at <= pass.substep) return;
-        if (first == 0) __syncthreads();
+        if (first == 0) {
+            __syncthreads();
+            // By the last threads, for the first ones have most to do.
+            const uint32_t i = THREADS - 1 - thread, t = i / 2;
+            if (t < count_of_tools) (i % 2 ? before : now)[t] = view_of(tools[t], i % 2 ? moment.from : moment.to);
+            __syncthreads();
+        }
+        const ToolStep& last_tool = tools[count_of_tools - 1];
+        const Part* const parts = last_tool.part + last_tool.part_count <= EARLY_PARTS ? early_parts : c.parts;
         uint64_t met = 0;
         uint32_t mine = 0, k = 0, end = 0;
         // Which tools the site is inside first, then the points; most are inside one and were looked at last.
@@ -464,10 +505,10 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
 #pragma unroll 1
         for (int round = 0; round < 2; ++round) {
 #pragma unroll 1
-            for (uint32_t t = 0; t < tools && site < sites; ++t) {
+            for (uint32_t t = 0; t < count_of_tools && site < sites; ++t) {
                 if (round == 1 && (k == end || !(met >> t & 1))) continue;
-                const ToolStep& tool = step.tools[t];
-                if (t != looked_at) p = probe(c, tool, now[t], before[t], vec(rest), moved, came);
+                const ToolStep& tool = tools[t];
+                if (t != looked_at) p = probe(parts, tool, now[t], before[t], vec(rest), moved, came);
                 looked_at = t;
                 const float depth = -p.met.distance;
                 if (round == 0) {
@@ -479,7 +520,7 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
                 const bool is_movable = free > MOVABLE * own.w;
                 const float mass = 1.0f / (is_movable ? free : own.w), lever = 1.0f / fmaxf(1.0f, rest.w * mass);
                 // What cannot move stays inside the tool: of several moves in a substep the last alone counts.
-                const float target = is_movable      ? fminf(depth, (step.push_limit + p.travel) * lever) / dt
+                const float target = is_movable      ? fminf(depth, (push_limit + p.travel) * lever) / dt
                                      : moment.is_last ? -mass * depth / dt
                                                       : 0.0f;
                 const float4 normal = with(n, target), at = with(p.at, depth);
@@ -499,36 +540,36 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
             uint32_t total;
             const uint32_t sum = scan<WARPS>(mine | (mine ? 1u << 16 : 0), total), a = active + (sum >> 16);
             k = count + (sum & 0xffff);
-            end = min(k + mine, c.max_points);
-            if (mine && k + mine > c.max_points) atomicAdd(&c.counts[DROPPED], k + mine - max(k, end));
-            count = min(count + (total & 0xffff), c.max_points);
+            end = min(k + mine, uint32_t(MAX_POINTS));
+            if (mine && k + mine > MAX_POINTS) atomicAdd(&c.counts[DROPPED], k + mine - max(k, end));
+            count = min(count + (total & 0xffff), uint32_t(MAX_POINTS));
             active += total >> 16;
             // What comes after the last point that found room is not active.
             const bool is_active = k < end;
-            if (site < sites) room.active[site] = is_active ? a : NOT_ACTIVE;
+            if (site < sites) actives.of[site] = is_active ? a : NOT_ACTIVE;
             if (!is_active) {
                 end = k;
                 continue;
             }
-            if (end == c.max_points) last_active = a + 1;
-            room.site[a] = site;
-            room.first[a] = k;
+            if (end == MAX_POINTS) last_active = a + 1;
+            actives.site[a] = site;
+            actives.first[a] = k;
             c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(tag, k | (end - k) << 16);
             if (a < GROUPS) touched[a] = touch;
             is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED;
         }
     }
     const bool is_small = __syncthreads_and(is_held);
-    if (count == c.max_points) active = last_active;
+    if (count == MAX_POINTS) active = last_active;
     if (thread == 0) {
-        room.first[active] = count;
+        actives.first[active] = count;
         c.counts[POINTS] = count;
         c.counts[TAG] = tag;
         c.counts[PUSHED] = 0;
     }
     if (count == 0) return;
     __syncthreads();
-    const Work work{c, pass, step, room, is_small ? few : all, old, tag, active, &largest, touched};
+    const Work work{c, pass, step, tools, actives, is_small ? few : all, old, tag, active, &largest, touched};
     if (ROW == LANES && is_small) {
         resolve_few(work, all);
     } else {

@@ -16,7 +16,7 @@ struct Law {
 
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
-// Most contact points at once on any device; most sites of the surface that may become one before they are listed anew; most nodes that
+// Most contact points at once; most sites of the surface that may become one before they are listed anew; most nodes that
 // carry a site; and most sites to which one is coupled where points are few.
 constexpr int MAX_POINTS = 2048, MAX_SITES = 8192, MAX_ROW = 24, MAX_COUPLED = 32;
 
@@ -135,8 +135,8 @@ struct Carrier {
     uint32_t slot;
     // Its sites: where they begin among the loads, and how many there are.
     uint32_t start, count;
-    // One of them.
-    uint32_t site;
+    // One of them; or, seen from a site, what this carrier is called, MAX_UINT where there is none.
+    uint32_t name;
 };
 
 // A site on a carrier.
@@ -149,8 +149,6 @@ struct Load {
 // triangle's edges so divided cut it.
 struct Contact {
     uint32_t vertices, triangles, division;
-    // Most contact points: what the device's shared memory holds.
-    uint32_t max_points;
     // Sites further apart than this share no node.
     float reach;
     // Longest edge of a triangle where sites lie inside triangles, else 0.
@@ -170,7 +168,7 @@ struct Contact {
     uint2* site_names;  // vertex, and what names it
     uint32_t* site_slots;     // [MAX_ROW][MAX_SITES]
     float* site_weights;      // [MAX_ROW][MAX_SITES]
-    uint32_t* site_carriers;  // [MAX_ROW][MAX_SITES]
+    Carrier* site_carriers;   // [MAX_ROW][MAX_SITES]
     // To how many sites each is coupled; and, for those that are to no more than MAX_COUPLED: what an impulse on another changes of its
     // velocity, along the axes, and which other. Zeros fill the rest.
     uint32_t* site_coupled;
@@ -183,6 +181,8 @@ struct Contact {
     // Carriers of points, and what impulses change of their velocity.
     uint32_t* moved;
     float4* changes;
+    // Impulses on active sites, where they are many.
+    float4* impulses;  // [MAX_POINTS]
     // The points on each site, at two times in turn: time, and first | count << 16.
     uint2* touches;  // [2][MAX_SITES]
     // What points give to their tools: impulse, moment, work.

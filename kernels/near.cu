@@ -66,6 +66,12 @@ __device__ float4 mobility_of(const Pass& pass, uint32_t slot) {
     return make_float4(flags & 1 ? 0.0f : inverse, flags & 2 ? 0.0f : inverse, flags & 4 ? 0.0f : inverse, inverse);
 }
 
+// Whether two sites may share a node.
+__device__ bool is_close(const Contact& c, const float4& a, const float4& b) {
+    const Vec apart{b.x - a.x, b.y - a.y, b.z - a.z};
+    return dot(apart, apart) <= c.reach * c.reach;
+}
+
 }  // namespace near_kernel
 using namespace near_kernel;
 
@@ -173,79 +179,90 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
     c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(points ? tag : tag - 2, first | points << 16);
 }
 
-// What impulses on the sites do to each other, a warp for each site; and which sites each node carries, a warp for each node.
-extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __grid_constant__ Contact c) {
-    __shared__ uint32_t slots[WARPS][MAX_ROW];
-    __shared__ float weights[WARPS][MAX_ROW];
-    __shared__ float4 mobilities[WARPS][MAX_ROW];
-    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES], carriers = c.counts[CARRIERS];
-    for (uint32_t job = blockIdx.x * WARPS + warp; job < sites + carriers; job += gridDim.x * WARPS) {
-        const bool is_site = job < sites;
-        const uint32_t carrier = job - sites, slot = is_site ? 0 : c.carriers[carrier].slot, site = is_site ? job : c.carriers[carrier].site;
-        const float4 rest = c.site_rest[site];
-        if (is_site && lane < MAX_ROW) {
-            const uint32_t at = lane * MAX_SITES + site;
-            const uint32_t on = c.site_weights[at] != 0.0f ? c.carrier_at[c.site_slots[at]] : NONE;
-            c.site_carriers[at] = on;
-            slots[warp][lane] = c.site_slots[at];
-            weights[warp][lane] = c.site_weights[at];
-            mobilities[warp][lane] = on != NONE ? c.mobility[on] : make_float4(0, 0, 0, 0);
-        }
-        __syncwarp();
-        // In the order of the sites. Loads are counted first and written then; couplings have their place.
-        uint32_t start = site * MAX_COUPLED, count = 0;
+// Which sites each node carries, in their order: a warp for each node.
+extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid_constant__ Contact c) {
+    const uint32_t lane = threadIdx.x & 31, sites = c.counts[SITES], carriers = c.counts[CARRIERS];
+    for (uint32_t carrier = blockIdx.x * WARPS + threadIdx.x / 32; carrier < carriers; carrier += gridDim.x * WARPS) {
+        const Carrier known = c.carriers[carrier];
+        const float4 rest = c.site_rest[known.name];
+        // Counted first, written then.
+        uint32_t start = 0, count = 0;
 #pragma unroll 1
-        for (int round = is_site ? 1 : 0; round < 2; ++round) {
+        for (int round = 0; round < 2; ++round) {
             count = 0;
 #pragma unroll 1
             for (uint32_t first = 0; first < sites; first += 32) {
-                const uint32_t other = first + lane;
-                float4 by = make_float4(0, 0, 0, 0);
+                const uint32_t site = first + lane;
                 float weight = 0.0f;
-                if (other < sites) {
-                    const float4 there = c.site_rest[other];
-                    const Vec apart{there.x - rest.x, there.y - rest.y, there.z - rest.z};
+                if (site < sites && is_close(c, rest, c.site_rest[site])) {
 #pragma unroll 1
-                    for (int i = 0; i < MAX_ROW && dot(apart, apart) <= c.reach * c.reach; ++i) {
-                        const float w = c.site_weights[i * MAX_SITES + other];
+                    for (int i = 0; i < MAX_ROW; ++i) {
+                        const float w = c.site_weights[i * MAX_SITES + site];
                         if (w == 0.0f) break;
-                        const uint32_t on = c.site_slots[i * MAX_SITES + other];
-                        if (!is_site) {
-                            if (on == slot) weight = w;
-                            continue;
-                        }
-#pragma unroll 1
-                        for (int j = 0; j < MAX_ROW && weights[warp][j] != 0.0f; ++j) {
-                            if (slots[warp][j] != on) continue;
-                            const float share = w * weights[warp][j];
-                            const float4 m = mobilities[warp][j];
-                            by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
-                        }
+                        if (c.site_slots[i * MAX_SITES + site] == known.slot) weight = w;
                     }
                 }
-                const bool is_coupled = is_site ? by.x != 0.0f || by.y != 0.0f || by.z != 0.0f : weight != 0.0f;
-                const uint32_t coupled = __ballot_sync(~0u, is_coupled);
-                const uint32_t at = count + __popc(coupled & ((1u << lane) - 1));
-                if (is_site) {
-                    if (is_coupled && at < MAX_COUPLED) c.couplings[start + at] = make_float4(by.x, by.y, by.z, __uint_as_float(other));
-                    if (other == site) c.site_own[site] = by;
-                } else if (is_coupled && round == 1) {
-                    c.loads[start + at] = {other, weight};
-                }
-                count += __popc(coupled);
+                const uint32_t carried = __ballot_sync(~0u, weight != 0.0f);
+                if (round == 1 && weight != 0.0f) c.loads[start + count + __popc(carried & ((1u << lane) - 1))] = {site, weight};
+                count += __popc(carried);
             }
             if (round == 0) {
                 if (lane == 0) start = atomicAdd(&c.counts[LOADS], count);
                 start = __shfl_sync(~0u, start, 0);
             }
         }
-        if (is_site) {
-            for (uint32_t at = count + lane; at < MAX_COUPLED; at += 32) c.couplings[start + at] = make_float4(0, 0, 0, 0);
-            if (lane == 0) c.site_coupled[site] = count;
-        } else if (lane == 0) {
-            c.carriers[carrier].start = start;
-            c.carriers[carrier].count = count;
+        if (lane == 0) c.carriers[carrier] = {known.slot, start, count, carrier};
+    }
+}
+
+// What impulses on the sites do to each other, in the order of the sites: a warp for each site.
+extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __grid_constant__ Contact c) {
+    __shared__ uint32_t slots[WARPS][MAX_ROW];
+    __shared__ float weights[WARPS][MAX_ROW];
+    __shared__ float4 mobilities[WARPS][MAX_ROW];
+    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES];
+    for (uint32_t site = blockIdx.x * WARPS + warp; site < sites; site += gridDim.x * WARPS) {
+        const float4 rest = c.site_rest[site];
+        if (lane < MAX_ROW) {
+            const uint32_t at = lane * MAX_SITES + site, slot = c.site_slots[at];
+            const float weight = c.site_weights[at];
+            const Carrier carrier = weight != 0.0f ? c.carriers[c.carrier_at[slot]] : Carrier{0, 0, 0, NONE};
+            c.site_carriers[at] = carrier;
+            slots[warp][lane] = slot;
+            weights[warp][lane] = weight;
+            mobilities[warp][lane] = weight != 0.0f ? c.mobility[carrier.name] : make_float4(0, 0, 0, 0);
         }
+        __syncwarp();
+        const uint32_t start = site * MAX_COUPLED;
+        uint32_t count = 0;
+#pragma unroll 1
+        for (uint32_t first = 0; first < sites; first += 32) {
+            const uint32_t other = first + lane;
+            float4 by = make_float4(0, 0, 0, 0);
+            if (other < sites && is_close(c, rest, c.site_rest[other])) {
+#pragma unroll 1
+                for (int i = 0; i < MAX_ROW; ++i) {
+                    const float w = c.site_weights[i * MAX_SITES + other];
+                    if (w == 0.0f) break;
+                    const uint32_t on = c.site_slots[i * MAX_SITES + other];
+#pragma unroll 1
+                    for (int j = 0; j < MAX_ROW && weights[warp][j] != 0.0f; ++j) {
+                        if (slots[warp][j] != on) continue;
+                        const float share = w * weights[warp][j];
+                        const float4 m = mobilities[warp][j];
+                        by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
+                    }
+                }
+            }
+            const bool is_coupled = by.x != 0.0f || by.y != 0.0f || by.z != 0.0f;
+            const uint32_t coupled = __ballot_sync(~0u, is_coupled);
+            const uint32_t at = count + __popc(coupled & ((1u << lane) - 1));
+            if (is_coupled && at < MAX_COUPLED) c.couplings[start + at] = make_float4(by.x, by.y, by.z, __uint_as_float(other));
+            if (other == site) c.site_own[site] = by;
+            count += __popc(coupled);
+        }
+        for (uint32_t at = count + lane; at < MAX_COUPLED; at += 32) c.couplings[start + at] = make_float4(0, 0, 0, 0);
+        if (lane == 0) c.site_coupled[site] = count;
         __syncwarp();
     }
 }

@@ -5,11 +5,10 @@
 
 use std::sync::Arc;
 
-use super::device::Device;
 use super::kernels::Kernels;
 use super::layout::{
-    self, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, ToolSum, count,
-    point,
+    self, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, Step, ToolSum,
+    count, point,
 };
 use super::memory::{Buffer, Stream};
 use super::pointer;
@@ -39,6 +38,8 @@ const ROOM: f64 = 1.0;
 const LONGEST_WAY: f64 = 2.0;
 /// Finest division of a triangle's edge.
 const MAX_DIVISION: f64 = 32.0;
+/// Less room than any step needs.
+const NEVER: f64 = f64::NEG_INFINITY;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a tool's feature that the tissue may travel in a substep before its way matters.
@@ -46,45 +47,13 @@ const JUMP: f64 = 0.125;
 /// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
 const PUSH_LIMIT: f64 = 0.25;
 
-/// How much contact a device's shared memory holds at once.
-#[derive(Clone, Copy, Debug)]
-pub struct Room {
-    points: u32,
-}
-
-impl Room {
-    /// Bytes of a point: two impulses, and two places.
-    const OF_POINT: u32 = 2 * 16 + 2 * 2;
-    /// Bytes beside the points: which point each site is, and the end of the places.
-    const OF_SITES: u32 = 2 * MAX_SITES as u32 + 16;
-
-    /// What a block may share on a device.
-    pub fn on(device: &Device) -> Result<Self> {
-        device.shared_bytes().map(Self::within)
-    }
-
-    /// What fits where a block may have so many bytes.
-    pub fn within(shared_bytes: u32) -> Self {
-        /// What the kernel declares itself, and what the driver keeps, in bytes.
-        const DECLARED: u32 = 14 << 10;
-        let shared = shared_bytes.saturating_sub(DECLARED + Self::OF_SITES);
-        // A multiple of eight keeps what follows aligned.
-        Self { points: (shared / Self::OF_POINT).min(MAX_POINTS as u32) / 8 * 8 }
-    }
-
-    /// Shared memory in bytes.
-    pub fn bytes(self) -> u32 {
-        self.points * Self::OF_POINT + Self::OF_SITES
-    }
-}
-
 /// What the device's list of sites is good for.
 #[derive(Debug)]
 struct List {
     division: u32,
     /// Where each tool was on its way when the list was made, and how far its points reach.
     ways: Vec<[Vec3; 2]>,
-    /// How much of the room is left, in m.
+    /// How much of the room is left, in m; [`NEVER`] where it is good for nothing.
     spare: f64,
 }
 
@@ -116,13 +85,12 @@ fn distance(point: Vec3, [from, to]: [Vec3; 2]) -> f64 {
 #[derive(Debug)]
 pub struct ContactSurface {
     model: Arc<Model>,
-    room: Room,
     longest_edge: f64,
     /// Largest Σ |w| of a vertex: how much further than a node it may move.
     lever: f64,
     /// Furthest node of a vertex's row, in m.
     row_reach: f64,
-    list: Option<List>,
+    list: List,
     vertices: u32,
     triangles: u32,
     rest: Buffer<[f32; 3]>,
@@ -138,7 +106,7 @@ pub struct ContactSurface {
     site_names: Buffer<[u32; 2]>,
     site_slots: Buffer<u32>,
     site_weights: Buffer<f32>,
-    site_carriers: Buffer<u32>,
+    site_carriers: Buffer<Carrier>,
     site_coupled: Buffer<u32>,
     couplings: Buffer<[f32; 4]>,
     carrier_at: Buffer<u32>,
@@ -147,12 +115,15 @@ pub struct ContactSurface {
     loads: Buffer<Load>,
     moved: Buffer<u32>,
     changes: Buffer<[f32; 4]>,
+    impulses: Buffer<[f32; 4]>,
     touches: Buffer<[u32; 2]>,
     given: Buffer<f64>,
     points: Buffer<[f32; 4]>,
     sums: Buffer<ToolSum>,
     /// The parts that lie in `parts`, tool by tool.
     known_parts: Vec<Part>,
+    /// Those of a step that is being prepared.
+    parts_of_step: Vec<Part>,
 }
 
 /// How contact takes part in a step: equal plans are recorded once.
@@ -168,19 +139,9 @@ pub struct Plan {
     pub lists: u32,
 }
 
-/// A step with tools.
-#[derive(Debug)]
-pub struct Prepared {
-    pub plan: Plan,
-    /// The device's record of every tool.
-    pub tools: Vec<layout::ToolStep>,
-    /// How far from a tool's way sites are listed, in m.
-    pub margin: f64,
-}
-
 impl ContactSurface {
     /// Prepares the contact surface of a model.
-    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>, room: Room) -> Result<Self> {
+    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
         let (surface, lattice) = (&model.surfaces()[model.contact_surface()], model.lattice());
         let vertices = surface.positions.len();
         let rest: Vec<[f32; 3]> =
@@ -210,11 +171,10 @@ impl ContactSurface {
         let carrier_at = Buffer::zeros(stream, lattice.slot_count())?;
         carrier_at.fill(NONE)?;
         Ok(Self {
-            room,
             longest_edge,
             lever,
             row_reach,
-            list: None,
+            list: List { division: 0, ways: Vec::with_capacity(MAX_TOOLS), spare: NEVER },
             vertices: vertices as u32,
             triangles: surface.triangles.len() as u32,
             rest: Buffer::of(stream, &rest)?,
@@ -239,76 +199,85 @@ impl ContactSurface {
             loads: Buffer::zeros(stream, rows)?,
             moved: Buffer::zeros(stream, rows)?,
             changes: Buffer::zeros(stream, rows)?,
+            impulses: Buffer::zeros(stream, MAX_POINTS)?,
             touches: Buffer::zeros(stream, 2 * MAX_SITES)?,
             given: Buffer::zeros(stream, SUMS * MAX_POINTS)?,
             points: Buffer::zeros(stream, 2 * point::FIELDS * MAX_POINTS)?,
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
-            known_parts: Vec::new(),
+            known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
+            parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             model: model.clone(),
         })
     }
 
-    /// What contact will do in a step of `duration` seconds, when no node is faster than `speed` at its start and all fall with `gravity`.
+    /// What contact will do in a step, when no node is faster than `speed` at its start; fills in what the device needs to know. `step` says
+    /// already how long the step is, and how tissue falls.
     pub fn prepare(
         &mut self,
         tools: &[ToolStep],
         substeps: u32,
         speed: f64,
-        gravity: f64,
-        duration: f64,
-    ) -> Result<Prepared> {
-        let mut records = Vec::with_capacity(tools.len());
-        let mut parts = Vec::new();
+        step: &mut Step,
+    ) -> Result<Plan> {
         let (mut moves, mut division, mut reach) = (1.0_f64, 1.0_f64, 0.0_f64);
-        for tool in tools {
+        self.parts_of_step.clear();
+        for (tool, record) in tools.iter().zip(&mut step.tools) {
             let feature = tool.desc.feature_m();
-            records.push(layout::ToolStep::of(tool, parts.len() as u32));
-            parts.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
+            *record = layout::ToolStep::of(tool, self.parts_of_step.len() as u32);
+            self.parts_of_step.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
             let way = tool.path.reach(tool.desc.bounding_radius_m());
             moves = moves.max((way / f64::from(substeps) / (0.5 * feature)).ceil());
             division = division.max((self.longest_edge / (0.5 * feature)).ceil());
             reach = reach.max(way);
         }
-        if parts != self.known_parts {
-            self.parts.write(0, &parts)?;
-            self.known_parts = parts;
+        if self.parts_of_step != self.known_parts {
+            self.parts.write(0, &self.parts_of_step)?;
+            std::mem::swap(&mut self.known_parts, &mut self.parts_of_step);
         }
+        step.tool_count = tools.len() as u32;
+        step.push_limit = (PUSH_LIMIT * self.model.lattice().cell_m()) as f32;
+        let dt = f64::from(step.dt);
+        step.may_jump = tools.iter().any(|tool| speed * dt > JUMP * tool.desc.feature_m()).into();
+
         let division = division.min(MAX_DIVISION) as u32;
         // Tissue that a tool pushes moves no faster than the tool.
+        let (duration, gravity) = (f64::from(step.duration), Vec3::from(step.gravity.map(f64::from)).norm());
         let way = self.lever * (speed * duration + 0.5 * gravity * duration * duration + reach);
-        let cell = self.model.lattice().cell_m();
-        let (mut lists, mut margin) = (0, 0.0);
-        match &mut self.list {
-            _ if tools.is_empty() => {}
-            Some(list) if list.serves(tools, division, way) => list.spare -= way,
-            list => {
-                lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
-                margin = way / f64::from(lists) + ROOM * cell;
-                // One that is made within a step is that of its last part.
-                *list = (lists == 1).then(|| List {
-                    division,
-                    ways: tools.iter().map(ends).collect(),
-                    spare: ROOM * cell,
-                });
-            }
+        let lists = self.keep_up(tools, division, substeps, way, step);
+        Ok(Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, division, lists })
+    }
+
+    /// How often sites are to be listed in a step in which tissue may come `way` to meet tools.
+    fn keep_up(
+        &mut self,
+        tools: &[ToolStep],
+        division: u32,
+        substeps: u32,
+        way: f64,
+        step: &mut Step,
+    ) -> u32 {
+        if tools.is_empty() {
+            self.list.spare = NEVER;
+            return 0;
         }
-        let plan = Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, division, lists };
-        Ok(Prepared { plan, tools: records, margin })
+        if self.list.serves(tools, division, way) {
+            self.list.spare -= way;
+            return 0;
+        }
+        let cell = self.model.lattice().cell_m();
+        let lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
+        step.margin = (way / f64::from(lists) + ROOM * cell) as f32;
+        self.list.division = division;
+        self.list.ways.clear();
+        self.list.ways.extend(tools.iter().map(ends));
+        // One that is made within a step is that of its last part.
+        self.list.spare = if lists == 1 { ROOM * cell } else { NEVER };
+        lists
     }
 
     /// The tissue has been moved otherwise than by steps, or further than was thought.
     pub fn lose_track(&mut self) {
-        self.list = None;
-    }
-
-    /// Whether tissue may come so far in one substep that its way matters to a tool.
-    pub fn may_jump(&self, tools: &[ToolStep], speed: f64, dt: f64) -> bool {
-        tools.iter().any(|tool| speed * dt > JUMP * tool.desc.feature_m())
-    }
-
-    /// Largest push in one substep, in m.
-    pub fn push_limit(&self) -> f64 {
-        PUSH_LIMIT * self.model.lattice().cell_m()
+        self.list.spare = NEVER;
     }
 
     fn contact(&self, plan: Plan) -> layout::Contact {
@@ -317,7 +286,6 @@ impl ContactSurface {
             vertices: self.vertices,
             triangles: self.triangles,
             division: plan.division,
-            max_points: self.room.points,
             reach: (2.0 * (self.row_reach + edge)) as f32,
             edge: edge as f32,
             rest: self.rest.at(),
@@ -342,6 +310,7 @@ impl ContactSurface {
             loads: self.loads.at(),
             moved: self.moved.at(),
             changes: self.changes.at(),
+            impulses: self.impulses.at(),
             touches: self.touches.at(),
             given: self.given.at(),
             points: self.points.at(),
@@ -372,6 +341,7 @@ impl ContactSurface {
             (kernels.contact_near, elements.div_ceil(NEAR_THREADS).max(1), NEAR_THREADS),
             (kernels.contact_list, 1, LIST_THREADS),
             (kernels.contact_sites, MAX_SITES as u32 / NEAR_THREADS, NEAR_THREADS),
+            (kernels.contact_carry, COUPLE_BLOCKS, NEAR_THREADS),
             (kernels.contact_couple, COUPLE_BLOCKS, NEAR_THREADS),
         ];
         let arguments = &mut [pointer(&mut contact), pointer(pass)];
@@ -410,7 +380,7 @@ impl ContactSurface {
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
-                kernel.launch(&stream.device, stream.handle, 1, THREADS, self.room.bytes(), arguments)?;
+                kernel.launch(&stream.device, stream.handle, 1, THREADS, 0, arguments)?;
             };
         }
         Ok(())
@@ -446,7 +416,7 @@ impl ContactSurface {
 
     /// Forgets all contacts.
     pub fn clear(&mut self) -> Result<()> {
-        self.list = None;
+        self.list.spare = NEVER;
         self.counts.write(0, &FRESH_COUNTS)?;
         self.carrier_at.fill(NONE)?;
         self.touches.clear()

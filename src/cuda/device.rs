@@ -15,7 +15,6 @@ const OLDEST: (u32, u32) = (7, 5);
 /// Attributes of a device, by their numbers in cuda.h.
 const MAJOR: c_int = 75;
 const MINOR: c_int = 76;
-const SHARED_BYTES_OF_A_BLOCK: c_int = 97;
 
 /// How many GPUs the driver finds: at least one, or [`Error::NoDevice`] with the reason. From any thread.
 pub fn count() -> Result<u32> {
@@ -142,11 +141,6 @@ impl Device {
     /// Its name.
     pub(super) fn name(&self) -> &str {
         &self.info.name
-    }
-
-    /// Shared memory that a block may ask for, in bytes.
-    pub(super) fn shared_bytes(&self) -> Result<u32> {
-        attribute(self.driver, self.handle, SHARED_BYTES_OF_A_BLOCK)
     }
 
     /// Makes the context current on this thread until the guard is dropped; the host's own context is then current again.

@@ -33,7 +33,7 @@ impl Law {
     }
 }
 
-/// Most contact points at once on any device; most sites of the surface that may become one before they are listed anew; most nodes that
+/// Most contact points at once; most sites of the surface that may become one before they are listed anew; most nodes that
 /// carry a site; and most sites to which one is coupled where points are few.
 pub const MAX_POINTS: usize = 2048;
 pub const MAX_SITES: usize = 8192;
@@ -233,7 +233,7 @@ pub struct Carrier {
     slot: u32,
     start: u32,
     count: u32,
-    site: u32,
+    name: u32,
 }
 
 /// A site on a carrier.
@@ -251,7 +251,6 @@ pub struct Contact {
     pub vertices: u32,
     pub triangles: u32,
     pub division: u32,
-    pub max_points: u32,
     pub reach: f32,
     pub edge: f32,
     pub rest: CUdeviceptr,
@@ -276,6 +275,7 @@ pub struct Contact {
     pub loads: CUdeviceptr,
     pub moved: CUdeviceptr,
     pub changes: CUdeviceptr,
+    pub impulses: CUdeviceptr,
     pub touches: CUdeviceptr,
     pub given: CUdeviceptr,
     pub points: CUdeviceptr,

@@ -9,7 +9,7 @@ use std::mem::offset_of;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
-use super::contact::{ContactSurface, Plan, Prepared, Room};
+use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::Kernels;
@@ -22,6 +22,7 @@ use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::sim::MAX_TOOLS;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
 
@@ -154,22 +155,20 @@ impl CudaSolver {
     pub fn new(model: &Arc<Model>, device: Arc<Device>) -> Result<Self> {
         let stream = Arc::new(Stream::new(device)?);
         let laws = model.laws();
-        let room = Room::on(&stream.device)?;
         let kernels = Kernels::load(
             &stream.device,
             laws.iter().any(|law| law.volume_n > 0.0),
             laws.iter().any(|law| law.damping_s > 0.0),
-            room,
         )?;
         let mut solver = Self {
             state: State::new(model, &stream)?,
             step: Pinned::new(&stream)?,
             report: Pinned::new(&stream)?,
-            contact: ContactSurface::new(model, &stream, room)?,
+            contact: ContactSurface::new(model, &stream)?,
             surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
             speed: 0.0,
-            origins: Vec::new(),
+            origins: Vec::with_capacity(MAX_TOOLS),
             last_dt: 1.0,
             dropped: 0,
             dropped_before: 0,
@@ -397,21 +396,15 @@ impl Solver for CudaSolver {
         self.mirror.replace(None);
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
-        let Prepared { plan: contact, tools, margin } =
-            self.contact.prepare(plan.tools, plan.substeps, self.speed, plan.gravity.norm(), duration)?;
         let mut step = Step {
             dt: plan.dt as f32,
             keep: (1.0 / (1.0 + plan.drag_per_s * plan.dt)) as f32,
             gravity: [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32),
             sequence,
-            tool_count: contact.tools,
-            margin: margin as f32,
             duration: duration as f32,
-            push_limit: self.contact.push_limit() as f32,
-            may_jump: u32::from(self.contact.may_jump(plan.tools, self.speed, plan.dt)),
             ..Step::default()
         };
-        step.tools[..tools.len()].copy_from_slice(&tools);
+        let contact = self.contact.prepare(plan.tools, plan.substeps, self.speed, &mut step)?;
         let start = self.state.current;
         self.ask(step, plan.substeps, contact)?;
         let report = self.wait_for(sequence)?;

@@ -37,12 +37,12 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, awake, cell, substep, mark
         }
-        Carrier { slot, start, count, site }
+        Carrier { slot, start, count, name }
         Load { site, weight }
         Contact {
-            vertices, triangles, division, max_points, reach, edge, rest, row_nodes, row_weights, corners, parts,
+            vertices, triangles, division, reach, edge, rest, row_nodes, row_weights, corners, parts,
             near_bits, near, counts, site_rest, site_own, site_names, site_slots, site_weights, site_carriers,
-            site_coupled, couplings, carrier_at, carriers, mobility, loads, moved, changes, touches, given, points,
+            site_coupled, couplings, carrier_at, carriers, mobility, loads, moved, changes, impulses, touches, given, points,
             sums
         }
         Moment { from, to, is_first, tissue_moves, is_last }

@@ -2,6 +2,20 @@
 #pragma once
 #include <stdint.h>
 
+// Kernels of one stream that follow each other may overlap on newer devices: the next one's blocks start when all of this one's have let them, and
+// wait, before they read what it writes, until it has ended. Where that is not so these do nothing. A kernel that lets the next one start has waited
+// itself, so that what came before both has ended.
+__device__ __forceinline__ void wait_for_previous() {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("griddepcontrol.wait;" ::: "memory");
+#endif
+}
+__device__ __forceinline__ void let_next_start() {
+#if __CUDA_ARCH__ >= 900
+    asm volatile("griddepcontrol.launch_dependents;");
+#endif
+}
+
 // Exclusive sum over a block of `WARPS` warps; `total` is that of all. Every thread calls it.
 template <int WARPS>
 __device__ uint32_t scan(uint32_t mine, uint32_t& total) {

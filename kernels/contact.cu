@@ -455,17 +455,16 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
     constexpr uint32_t TOOL_WORDS = sizeof(ToolStep) / 4, PART_WORDS = sizeof(Part) / 4;
     const uint32_t* const tool_words = reinterpret_cast<const uint32_t*>(step.tools);
     const uint32_t tool_word = tool_words[thread], part_word = reinterpret_cast<const uint32_t*>(c.parts)[thread];
-    const uint32_t count_of_tools = step.tool_count, sites = c.counts[SITES], tag = c.counts[TAG] + 1, diverged_at = *pass.diverged_at;
+    const uint32_t count_of_tools = step.tool_count, sites = c.counts[SITES];
     const bool follow = moment.tissue_moves && step.may_jump;
     const float dt = step.dt, push_limit = step.push_limit;
     if (thread < EARLY_TOOLS * TOOL_WORDS) reinterpret_cast<uint32_t*>(tools)[thread] = tool_word;
     if (thread < EARLY_PARTS * PART_WORDS) reinterpret_cast<uint32_t*>(early_parts)[thread] = part_word;
     for (uint32_t i = EARLY_TOOLS * TOOL_WORDS + thread; i < count_of_tools * TOOL_WORDS; i += THREADS) reinterpret_cast<uint32_t*>(tools)[i] = tool_words[i];
-    if (moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
     if (thread == 0) largest = 0;
-    const Points all{c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
-    const Points old{c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
     const Points few{mirror, GROUPS};
+    Points all, old;
+    uint32_t tag;
 
     // Find the points inside tools, in the order of sites and tools. What lies behind the last site is read as well: that is
     // quicker than to wait for their number.
@@ -475,12 +474,33 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
     for (uint32_t first = 0; first == 0 || first < sites; first += THREADS) {
         const uint32_t site = first + thread, coupled = c.site_coupled[site];
         const float4 rest = c.site_rest[site], own = c.site_own[site];
-        const uint2 names = c.site_names[site], touch = c.touches[(~tag & 1) * MAX_SITES + site];
+        const uint2 names = c.site_names[site];
+        constexpr int EARLY = ROW == LANES ? ROW : 1;
+        uint32_t slots[EARLY];
+        float weights[EARLY];
+#pragma unroll
+        for (int i = 0; i < EARLY; ++i) {
+            slots[i] = c.site_slots[i * MAX_SITES + site];
+            weights[i] = c.site_weights[i * MAX_SITES + site];
+        }
+        // Up to here nothing was read that substeps change.
+        if (first == 0) {
+            wait_for_previous();
+            let_next_start();
+            tag = c.counts[TAG] + 1;
+            all = {c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
+            old = {c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
+        }
+        const uint32_t diverged_at = *pass.diverged_at;
         Vec moved{0, 0, 0}, came{0, 0, 0};
+#pragma unroll
+        for (int i = 0; i < EARLY; ++i) moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
 #pragma unroll 8
-        for (int i = 0; i < ROW; ++i) {
+        for (int i = EARLY; i < ROW; ++i) {
             moved = moved + vec(pass.u_next[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
         }
+        const uint2 touch = c.touches[(~tag & 1) * MAX_SITES + site];
+        if (first == 0 && moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
         if (follow) {
 #pragma unroll 1
             for (int i = 0; i < ROW; ++i) came = came + vec(pass.u[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];

@@ -3,6 +3,7 @@
 // The brick and the one-node halo around it are staged in shared memory. Every node then gathers its 26 springs and, where a material asks for
 // it, the volume terms of its eight cells. A spring is so evaluated at both of its ends, with operands that differ only in sign: equal and opposite
 // to the last bit, in an order that is always the same.
+#include "block.cuh"
 #include "law.cuh"
 #include "layout.cuh"
 
@@ -172,18 +173,19 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     __shared__ float cells[VOLUME ? 9 : 1][VOLUME ? CELLS : 1];
     __shared__ Mark marks[BRICK_NODES / 32];
 
+    // What never changes comes first. Every warp keeps the 27 bricks in its lanes.
+    const uint32_t brick = blockIdx.x, node = threadIdx.x, lane = node & 31;
+    const size_t slot = size_t(brick) * BRICK_NODES + node;
+    const uint32_t around = pass.neighbours[brick * 27 + (lane < 27 ? lane : 0)], flags = pass.flags[slot];
+    if (node < 16) s.laws[node] = pass.laws[node];
+    wait_for_previous();
+    let_next_start();
+
     // Once a substep has gone wrong, those behind it leave its state as it is.
     if (*pass.diverged_at < pass.substep) return;
-    const uint32_t brick = pass.awake ? pass.awake[blockIdx.x] : blockIdx.x;
-    const uint32_t node = threadIdx.x, lane = node & 31;
-    const size_t slot = size_t(brick) * BRICK_NODES + node;
-
-    // Stage. Every warp keeps the 27 bricks in its lanes.
-    const uint32_t around = pass.neighbours[brick * 27 + (lane < 27 ? lane : 0)];
     const float4 own = pass.u[slot];
     const int at = tile_at(1 + node % BRICK_X, 1 + node / BRICK_X % BRICK_Y, 1 + node / (BRICK_X * BRICK_Y));
     s.u[at] = own;
-    if (node < 16) s.laws[node] = pass.laws[node];
     Vec v{pass.v[brick * (3 * BRICK_NODES) + node], pass.v[brick * (3 * BRICK_NODES) + BRICK_NODES + node],
           pass.v[brick * (3 * BRICK_NODES) + 2 * BRICK_NODES + node]};
     if constexpr (DAMPED) {
@@ -264,7 +266,6 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     // Move.
     const Step& step = *pass.step;
     const float dt = step.dt, inverse = mass > 0.0f ? 1.0f / mass : 0.0f;
-    const uint32_t flags = pass.flags[slot];
     Vec a{f.x * inverse + step.gravity[0], f.y * inverse + step.gravity[1], f.z * inverse + step.gravity[2]};
     v.x = (v.x + a.x * dt) * step.keep;
     v.y = (v.y + a.y * dt) * step.keep;

@@ -100,8 +100,6 @@ struct Pass {
     const Step* step;
     Mark* marks;
     uint32_t* diverged_at;
-    // Bricks to advance; all in their order where this is null.
-    const uint32_t* awake;
     float cell;
     // This substep in its step, from 1.
     uint32_t substep;

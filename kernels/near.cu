@@ -66,6 +66,9 @@ __device__ float4 mobility_of(const Pass& pass, uint32_t slot) {
     return make_float4(flags & 1 ? 0.0f : inverse, flags & 2 ? 0.0f : inverse, flags & 4 ? 0.0f : inverse, inverse);
 }
 
+// How many nodes carry a site at most.
+__device__ uint32_t row_length(const Contact& c) { return c.division > 1 ? MAX_ROW : 8; }
+
 // Whether two sites may share a node.
 __device__ bool is_close(const Contact& c, const float4& a, const float4& b) {
     const Vec apart{b.x - a.x, b.y - a.y, b.z - a.z};
@@ -118,60 +121,58 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
 extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t site = blockIdx.x * THREADS + threadIdx.x;
     if (site >= c.counts[SITES]) return;
-    const uint32_t of_each = c.division * c.division, element = c.near[site / of_each], small = site % of_each;
-    uint32_t slots[MAX_ROW], count = 0;
-    float weights[MAX_ROW];
-    const auto carry = [&](uint32_t vertex, float share) {
-        const NodeRow row = row_of(c, vertex);
-        for (int i = 0; i < 8; ++i) {
-            const float weight = share * row.weight[i];
-            if (weight == 0.0f) continue;
-            uint32_t at = 0;
-            while (at < count && slots[at] != row.node[i]) ++at;
-            if (at == count) {
-                slots[count] = row.node[i];
-                weights[count++] = 0.0f;
-            }
-            weights[at] += weight;
-        }
+    const uint32_t of_each = c.division * c.division, element = c.near[site / of_each], small = site % of_each, name = element * of_each + small;
+    float most = 0.0f;
+    // Who is first to put weight on a node makes a carrier of it.
+    const auto put = [&](uint32_t place, uint32_t slot, float weight) {
+        c.site_slots[place * MAX_SITES + site] = slot;
+        c.site_weights[place * MAX_SITES + site] = weight;
+        if (weight == 0.0f) return;
+        const float4 mobility = mobility_of(pass, slot);
+        most = fmaxf(most, fabsf(weight) * fmaxf(mobility.x, fmaxf(mobility.y, mobility.z)));
+        if (atomicCAS(&c.carrier_at[slot], NONE, 0) != NONE) return;
+        const uint32_t carrier = atomicAdd(&c.counts[CARRIERS], 1);
+        c.carrier_at[slot] = carrier;
+        c.carriers[carrier] = {slot, 0, 0, site};
+        c.mobility[carrier] = mobility;
     };
     uint32_t vertex = element;
-    Vec rest{0, 0, 0};
-    if (c.division > 1) {
+    Vec rest;
+    if (c.division == 1) {
+        rest = rest_of(c, vertex);
+        const NodeRow row = row_of(c, vertex);
+#pragma unroll
+        for (int i = 0; i < 8; ++i) put(i, row.node[i], row.weight[i]);
+    } else {
         const uint32_t* corners = c.corners + 3 * element;
         const Vec share = centre(small, c.division);
+        const float shares[3] = {share.x, share.y, share.z};
         vertex = corners[0];
         rest = rest_of(c, corners[0]) * share.x + rest_of(c, corners[1]) * share.y + rest_of(c, corners[2]) * share.z;
-        const float shares[3] = {share.x, share.y, share.z};
+        // Nodes that corners have in common come once.
+        uint32_t slots[MAX_ROW], count = 0;
+        float weights[MAX_ROW] = {};
 #pragma unroll 1
-        for (int i = 0; i < 3; ++i) carry(corners[i], shares[i]);
-    } else {
-        rest = rest_of(c, vertex);
-        carry(vertex, 1.0f);
-    }
-    const uint32_t name = element * of_each + small;
-    c.site_names[site] = make_uint2(vertex, name);
+        for (int corner = 0; corner < 3; ++corner) {
+            const NodeRow row = row_of(c, corners[corner]);
+#pragma unroll
+            for (int i = 0; i < 8; ++i) {
+                uint32_t at = 0;
+                while (at < count && slots[at] != row.node[i]) ++at;
+                if (at == count) slots[count++] = row.node[i];
+                weights[at] += shares[corner] * row.weight[i];
+            }
+        }
 #pragma unroll 1
-    for (uint32_t i = 0; i < MAX_ROW; ++i) {
-        c.site_slots[i * MAX_SITES + site] = i < count ? slots[i] : 0;
-        c.site_weights[i * MAX_SITES + site] = i < count ? weights[i] : 0.0f;
-    }
-    float most = 0.0f;
-#pragma unroll 1
-    for (uint32_t i = 0; i < count; ++i) {
-        const float4 mobility = mobility_of(pass, slots[i]);
-        most = fmaxf(most, fabsf(weights[i]) * fmaxf(mobility.x, fmaxf(mobility.y, mobility.z)));
-        if (atomicCAS(&c.carrier_at[slots[i]], NONE, 0) != NONE) continue;
-        const uint32_t carrier = atomicAdd(&c.counts[CARRIERS], 1);
-        c.carrier_at[slots[i]] = carrier;
-        c.carriers[carrier] = {slots[i], 0, 0, site};
-        c.mobility[carrier] = mobility;
+        for (uint32_t i = 0; i < MAX_ROW; ++i) put(i, i < count ? slots[i] : 0, i < count ? weights[i] : 0.0f);
     }
     c.site_rest[site] = make_float4(rest.x, rest.y, rest.z, most);
+    c.site_names[site] = make_uint2(vertex, name);
     // Points of the last time keep their names; they lie in the order of their sites.
     const uint32_t tag = c.counts[TAG], count_of_points = c.counts[POINTS];
     const float4* const names = c.points + ((tag & 1) * POINT_FIELDS + NAMES) * MAX_POINTS;
     uint32_t first = 0, points = 0;
+#pragma unroll 8
     for (uint32_t k = 0; k < count_of_points; ++k) {
         if (__float_as_uint(names[k].z) != name) continue;
         if (points++ == 0) first = k;
@@ -181,7 +182,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
 
 // Which sites each node carries, in their order: a warp for each node.
 extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid_constant__ Contact c) {
-    const uint32_t lane = threadIdx.x & 31, sites = c.counts[SITES], carriers = c.counts[CARRIERS];
+    const uint32_t lane = threadIdx.x & 31, sites = c.counts[SITES], carriers = c.counts[CARRIERS], row = row_length(c);
     for (uint32_t carrier = blockIdx.x * WARPS + threadIdx.x / 32; carrier < carriers; carrier += gridDim.x * WARPS) {
         const Carrier known = c.carriers[carrier];
         const float4 rest = c.site_rest[known.name];
@@ -195,11 +196,11 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid
                 const uint32_t site = first + lane;
                 float weight = 0.0f;
                 if (site < sites && is_close(c, rest, c.site_rest[site])) {
-#pragma unroll 1
-                    for (int i = 0; i < MAX_ROW; ++i) {
+                    // Eight at a time, so that their loads do not wait for each other.
+#pragma unroll 8
+                    for (uint32_t i = 0; i < row; ++i) {
                         const float w = c.site_weights[i * MAX_SITES + site];
-                        if (w == 0.0f) break;
-                        if (c.site_slots[i * MAX_SITES + site] == known.slot) weight = w;
+                        if (c.site_slots[i * MAX_SITES + site] == known.slot && w != 0.0f) weight = w;
                     }
                 }
                 const uint32_t carried = __ballot_sync(~0u, weight != 0.0f);
@@ -220,7 +221,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
     __shared__ uint32_t slots[WARPS][MAX_ROW];
     __shared__ float weights[WARPS][MAX_ROW];
     __shared__ float4 mobilities[WARPS][MAX_ROW];
-    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES];
+    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES], row = row_length(c);
     for (uint32_t site = blockIdx.x * WARPS + warp; site < sites; site += gridDim.x * WARPS) {
         const float4 rest = c.site_rest[site];
         if (lane < MAX_ROW) {
@@ -240,18 +241,18 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
             const uint32_t other = first + lane;
             float4 by = make_float4(0, 0, 0, 0);
             if (other < sites && is_close(c, rest, c.site_rest[other])) {
-#pragma unroll 1
-                for (int i = 0; i < MAX_ROW; ++i) {
+#pragma unroll 8
+                for (uint32_t i = 0; i < row; ++i) {
                     const float w = c.site_weights[i * MAX_SITES + other];
-                    if (w == 0.0f) break;
                     const uint32_t on = c.site_slots[i * MAX_SITES + other];
-#pragma unroll 1
-                    for (int j = 0; j < MAX_ROW && weights[warp][j] != 0.0f; ++j) {
-                        if (slots[warp][j] != on) continue;
-                        const float share = w * weights[warp][j];
-                        const float4 m = mobilities[warp][j];
-                        by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
-                    }
+                    // A node comes once in a row; what is not there weighs nothing.
+                    uint32_t at = row;
+#pragma unroll 8
+                    for (uint32_t j = 0; j < row; ++j) at = slots[warp][j] == on && weights[warp][j] != 0.0f ? j : at;
+                    if (at == row) continue;
+                    const float share = w * weights[warp][at];
+                    const float4 m = mobilities[warp][at];
+                    by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
                 }
             }
             const bool is_coupled = by.x != 0.0f || by.y != 0.0f || by.z != 0.0f;

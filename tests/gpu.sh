@@ -47,7 +47,7 @@ pack() {
     built "$folder/tests" test "${targets[@]}"
     built "$folder/benches" bench --bench lattice
     for pair in "${sanitized[@]}"; do
-        "$folder/tests/${pair%%:*}" --list | grep -qx "${pair#*:}: test" || fail "there is no test $pair"
+        "$folder/tests/${pair%%:*}" --list | grep -x "${pair#*:}: test" >/dev/null || fail "there is no test $pair"
     done
     if [[ -n "${PALPATE_DATA:-}" ]]; then
         mkdir -p "$folder/data"

@@ -347,7 +347,7 @@ impl ContactSurface {
         let arguments = &mut [pointer(&mut contact), pointer(pass)];
         for (kernel, blocks, threads) in launch {
             // SAFETY: all take the first argument, and those that take a second one take the pass.
-            unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, 0, arguments)? };
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, arguments)? };
         }
         Ok(())
     }
@@ -380,7 +380,7 @@ impl ContactSurface {
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
-                kernel.launch(&stream.device, stream.handle, 1, THREADS, 0, arguments)?;
+                kernel.launch(&stream.device, stream.handle, 1, THREADS, arguments)?;
             };
         }
         Ok(())

@@ -9,7 +9,7 @@ use std::ffi::{CStr, c_char, c_int, c_uint, c_void};
 use std::sync::OnceLock;
 
 use cudarc::driver::sys::{
-    CUcontext, CUdevice, CUdeviceptr, CUfunction, CUgraph, CUgraphExec, CUmodule, CUstream,
+    CUcontext, CUdevice, CUdeviceptr, CUfunction, CUgraph, CUgraphExec, CUlaunchConfig, CUmodule, CUstream,
 };
 use libloading::Library;
 
@@ -94,8 +94,9 @@ functions! {
     module_load_data = "cuModuleLoadData"(*mut CUmodule, *const c_void);
     module_unload = "cuModuleUnload"(CUmodule);
     module_get_function = "cuModuleGetFunction"(*mut CUfunction, CUmodule, *const c_char);
+    func_get_attribute = "cuFuncGetAttribute"(*mut c_int, c_int, CUfunction);
     func_set_attribute = "cuFuncSetAttribute"(CUfunction, c_int, c_int);
-    launch_kernel = "cuLaunchKernel"(CUfunction, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, c_uint, CUstream, *mut *mut c_void, *mut *mut c_void);
+    launch_kernel_ex = "cuLaunchKernelEx"(*const CUlaunchConfig, CUfunction, *mut *mut c_void, *mut *mut c_void);
 }
 
 /// "Out of memory" among the driver's status codes.

@@ -5,7 +5,10 @@ use std::ffi::{CStr, c_void};
 use std::io::Read;
 use std::sync::Arc;
 
-use cudarc::driver::sys::{CUfunction, CUmodule, CUstream};
+use cudarc::driver::sys::{
+    CUfunction, CUlaunchAttribute, CUlaunchAttributeID, CUlaunchAttributeValue, CUlaunchConfig, CUmodule,
+    CUstream,
+};
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
@@ -36,6 +39,11 @@ const REPORT: Image = image!("report");
 
 /// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
 const READS_FATBIN: i32 = 13_000;
+
+/// CU_FUNC_ATTRIBUTE_PTX_VERSION: ten times the compute capability that a function was compiled for.
+const COMPILED_FOR: i32 = 5;
+/// From this one on, kernels wait for each other themselves where they may overlap; see `kernels/block.cuh`.
+const WAITING: i32 = 90;
 
 impl Image {
     /// What a driver of a CUDA version loads.
@@ -77,6 +85,19 @@ impl Module {
         Ok(Self { device: device.clone(), handle })
     }
 
+    /// A kernel that waits for what came before it on its stream, if it is compiled for devices that can.
+    fn overlapping_function(&self, name: &CStr) -> Result<Kernel> {
+        let kernel = self.function(name)?;
+        let _entered = self.device.enter()?;
+        let mut compiled_for = 0;
+        // SAFETY: an own function; `compiled_for` is written.
+        let status = unsafe {
+            (self.device.driver.func_get_attribute)(&mut compiled_for, COMPILED_FOR, kernel.function)
+        };
+        self.device.driver.check(status, "asking about a kernel")?;
+        Ok(Kernel { overlaps: compiled_for >= WAITING, ..kernel })
+    }
+
     fn function(&self, name: &CStr) -> Result<Kernel> {
         let mut handle = std::ptr::null_mut();
         let _entered = self.device.enter()?;
@@ -88,7 +109,7 @@ impl Module {
         let status =
             unsafe { (self.device.driver.func_set_attribute)(handle, SHARED_CARVEOUT, SHARED_PERCENT) };
         self.device.driver.check(status, "dividing a processor's memory")?;
-        Ok(Kernel(handle))
+        Ok(Kernel { function: handle, overlaps: false })
     }
 }
 
@@ -103,7 +124,11 @@ impl Drop for Module {
 
 /// One kernel.
 #[derive(Clone, Copy, Debug)]
-pub struct Kernel(CUfunction);
+pub struct Kernel {
+    function: CUfunction,
+    /// Whether it may start before what came before it on its stream has ended: it then waits itself, see `kernels/block.cuh`.
+    overlaps: bool,
+}
 
 /// All kernels of a simulation.
 #[derive(Debug)]
@@ -153,14 +178,14 @@ impl Kernels {
             (true, true) => c"lattice_volume_damped",
         };
         Ok(Self {
-            substep: lattice.function(substep)?,
+            substep: lattice.overlapping_function(substep)?,
             contact_near: near.function(c"contact_near")?,
             contact_list: near.function(c"contact_list")?,
             contact_sites: near.function(c"contact_sites")?,
             contact_carry: near.function(c"contact_carry")?,
             contact_couple: near.function(c"contact_couple")?,
-            contact_vertices: contact.function(c"contact_vertices")?,
-            contact_centres: contact.function(c"contact_centres")?,
+            contact_vertices: contact.overlapping_function(c"contact_vertices")?,
+            contact_centres: contact.overlapping_function(c"contact_centres")?,
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,
@@ -180,21 +205,30 @@ impl Kernel {
         stream: CUstream,
         blocks: u32,
         threads: u32,
-        shared_bytes: u32,
         arguments: &mut [*mut c_void],
     ) -> Result<()> {
+        let mut attribute = CUlaunchAttribute {
+            id: CUlaunchAttributeID::CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION,
+            pad: [0; 4],
+            value: CUlaunchAttributeValue { programmaticStreamSerializationAllowed: 1 },
+        };
+        let config = CUlaunchConfig {
+            gridDimX: blocks,
+            gridDimY: 1,
+            gridDimZ: 1,
+            blockDimX: threads,
+            blockDimY: 1,
+            blockDimZ: 1,
+            sharedMemBytes: 0,
+            hStream: stream,
+            attrs: &mut attribute,
+            numAttrs: self.overlaps.into(),
+        };
         // SAFETY: as promised.
         let status = unsafe {
-            (device.driver.launch_kernel)(
-                self.0,
-                blocks,
-                1,
-                1,
-                threads,
-                1,
-                1,
-                shared_bytes,
-                stream,
+            (device.driver.launch_kernel_ex)(
+                &config,
+                self.function,
                 arguments.as_mut_ptr(),
                 std::ptr::null_mut(),
             )
@@ -207,7 +241,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 4] = [LATTICE, CONTACT, SURFACE, REPORT];
+    const IMAGES: [Image; 5] = [LATTICE, NEAR, CONTACT, SURFACE, REPORT];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -202,7 +202,6 @@ pub struct Pass {
     pub step: CUdeviceptr,
     pub marks: CUdeviceptr,
     pub diverged_at: CUdeviceptr,
-    pub awake: CUdeviceptr,
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,

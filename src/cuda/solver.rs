@@ -132,7 +132,6 @@ impl State {
             step: self.step.at(),
             marks: self.marks.at(),
             diverged_at: self.diverged_at.at(),
-            awake: 0,
             cell: self.cell,
             substep,
             mark: u32::from(mark),
@@ -237,7 +236,6 @@ impl CudaSolver {
                     stream,
                     self.state.bricks,
                     BRICK_SLOTS as u32,
-                    0,
                     arguments,
                 )?;
                 if contact.tools > 0 {
@@ -257,7 +255,7 @@ impl CudaSolver {
                 pointer(&mut sums),
                 pointer(&mut report),
             ];
-            self.kernels.report.launch(device, stream, 1, 1024, 0, arguments)
+            self.kernels.report.launch(device, stream, 1, 1024, arguments)
         }
     }
 

@@ -109,8 +109,8 @@ impl SurfaceOnDevice {
             let arguments = &mut [pointer(&mut surface)];
             // SAFETY: the kernels' argument, as declared, of buffers that outlive the wait below.
             unsafe {
-                kernels.surface_positions.launch(device, stream.handle, blocks, THREADS, 0, arguments)?;
-                kernels.surface_normals.launch(device, stream.handle, blocks, THREADS, 0, arguments)?;
+                kernels.surface_positions.launch(device, stream.handle, blocks, THREADS, arguments)?;
+                kernels.surface_normals.launch(device, stream.handle, blocks, THREADS, arguments)?;
             }
         }
         self.positions.read(0, arrays.positions)?;

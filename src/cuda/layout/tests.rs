@@ -35,7 +35,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             dropped_points, sums, sequence
         }
         Pass {
-            u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, awake, cell, substep, mark
+            u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, cell, substep, mark
         }
         Carrier { slot, start, count, name }
         Load { site, weight }

@@ -3,6 +3,7 @@
 // The brick and the one-node halo around it are staged in shared memory. Every node then gathers its 26 springs and, where a material asks for
 // it, the volume terms of its eight cells. A spring is so evaluated at both of its ends, with operands that differ only in sign: equal and opposite
 // to the last bit, in an order that is always the same.
+#include "clock.cuh"
 #include "law.cuh"
 #include "layout.cuh"
 
@@ -172,6 +173,7 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     __shared__ float cells[VOLUME ? 9 : 1][VOLUME ? CELLS : 1];
     __shared__ Mark marks[BRICK_NODES / 32];
 
+    note_start(pass);
     // Once a substep has gone wrong, those behind it leave its state as it is.
     if (*pass.diverged_at < pass.substep) return;
     const uint32_t brick = pass.awake ? pass.awake[blockIdx.x] : blockIdx.x;

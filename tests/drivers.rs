@@ -35,15 +35,20 @@ fn said_with(dir: &Path, fault: &str) -> String {
 
 /// A folder with a fake driver made with `defines`; `None` where there is no C compiler.
 fn fake_driver(case: &str, defines: &[&str]) -> Option<PathBuf> {
-    let compiler = c_compiler()?;
     let dir = scratch(&format!("driver_{case}"));
-    run(Command::new(compiler)
+    fake_library("fake_driver.c", defines, &dir.join("libcuda.so.1"))?;
+    Some(dir)
+}
+
+/// Makes a library of a source in `tests/c`; `None` where there is no C compiler.
+fn fake_library(source: &str, defines: &[&str], to: &Path) -> Option<()> {
+    run(Command::new(c_compiler()?)
         .args(["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"])
         .args(defines)
-        .arg(root().join("tests/c/fake_driver.c"))
+        .arg(root().join("tests/c").join(source))
         .arg("-o")
-        .arg(dir.join("libcuda.so.1")));
-    Some(dir)
+        .arg(to));
+    Some(())
 }
 
 /// What the program says with a fake driver made with `defines`.
@@ -82,6 +87,23 @@ fn a_gpu_that_works_is_taken() {
         assert!(said.contains(&format!("\n{backend}: gpu, device 0, Fake 0; \n")), "{said}");
     }
     assert!(!said.contains("step"), "{said}");
+}
+
+#[test]
+fn statistics_hold_the_devices_time_and_every_byte_that_the_driver_copied() {
+    let Some(said) = said("counted", &[], "") else { return };
+    let after = |start: &str| {
+        let lines = said.lines().filter_map(|line| line.strip_prefix(start));
+        lines.filter(|rest| rest.contains(" bytes to ")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let copied = ["cuda: ", "auto: "].map(|backend| after(backend).concat());
+    assert_eq!(after("driver: "), copied, "{said}");
+    // The model went there, and a surface came back.
+    assert!(!copied[0].starts_with("0 bytes") && !copied[0].ends_with(" 0 to the host"), "{said}");
+    assert!(said.contains("\ncpu: 0 bytes to the device, 0 to the host\n"), "{said}");
+    for backend in ["cuda", "auto"] {
+        assert!(said.contains(&format!("\n{backend}: 0.000250 s on the device\n")), "{said}");
+    }
 }
 
 #[test]

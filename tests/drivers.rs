@@ -107,6 +107,32 @@ fn statistics_hold_the_devices_time_and_every_byte_that_the_driver_copied() {
 }
 
 #[test]
+#[cfg(feature = "nvtx")]
+fn profilers_see_steps_and_what_the_host_waits_for_in_them() {
+    for library in ["libnvtx3interop.so.1", "libnvToolsExt.so.1"] {
+        let Some(dir) = fake_driver("profiled", &[]) else { return };
+        fake_library("fake_nvtx.c", &[], &dir.join(library)).expect("compiled before");
+        let said = said_with(&dir, "");
+        let (mut open, mut seen) = (Vec::new(), std::collections::BTreeSet::new());
+        for line in said.lines().filter_map(|line| line.strip_prefix("nvtx: ")) {
+            if let Some((depth, name)) = line.split_once(' ') {
+                assert_eq!(depth, open.len().to_string(), "{said}");
+                open.push(name);
+                seen.insert(open.join(" > "));
+            } else {
+                open.pop();
+                assert_eq!(line, open.len().to_string(), "{said}");
+            }
+        }
+        assert!(open.is_empty(), "{open:?}");
+        // A simulation is prepared by steps of its own.
+        let expected = ["launch", "publish", "step", "step > launch", "step > wait", "wait"];
+        assert!(seen.iter().eq(&expected), "{seen:?}");
+        std::fs::remove_dir_all(&dir).expect("the test's own folder");
+    }
+}
+
+#[test]
 fn a_driver_without_a_gpu_says_so() {
     let reason = "the CUDA driver finds no GPU";
     for (case, defines, fault) in [

@@ -24,6 +24,7 @@ use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::trace;
 
 /// Displacement, in cells, at which forces are taken for linear: small against a cell, large against single precision's rounding.
 const PROBE: f64 = 1e-3;
@@ -219,6 +220,7 @@ impl CudaSolver {
             let graph = Graph::record(&self.stream, || self.work(substeps, start, contact))?;
             self.graphs.insert(key, graph);
         }
+        let _range = trace::range(c"launch");
         self.graphs[&key].launch()?;
         let tools = contact.tools as usize;
         self.stream.traffic.add_to_device(Step::bytes(tools));
@@ -275,6 +277,7 @@ impl CudaSolver {
 
     /// Waits for the report of the step with a number.
     fn wait_for(&self, sequence: u32) -> Result<Report> {
+        let _range = trace::range(c"wait");
         let report = self.report.host();
         let mut looks = 0;
         // SAFETY: the record lives as long as the solver; the device writes `sequence` last.

@@ -29,6 +29,7 @@ use crate::model::Model;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc};
+use crate::trace;
 
 /// The arithmetic of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -187,6 +188,7 @@ impl Sim {
     /// After [`Error::Diverged`] the state is the last good one, at rest, and every further step fails in the same way until
     /// [`Self::reset`].
     pub fn step(&mut self) -> Result<()> {
+        let _range = trace::range(c"step");
         let asked = Instant::now();
         self.with(|state| state.step(asked))
     }
@@ -242,6 +244,7 @@ impl Sim {
 
     /// The contacts of a tool in the last substep.
     pub fn contacts(&self, tool: ToolId) -> Result<Vec<Contact>> {
+        let _range = trace::range(c"list of contacts");
         self.with(|state| state.contacts(tool))
     }
 

@@ -18,6 +18,7 @@ use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
 use crate::solver::{
     RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum,
 };
+use crate::trace;
 
 /// Share of the stable step that is used: the frequency it comes from is a lower bound, within a percent or so.
 const SAFETY: f64 = 0.95;
@@ -290,6 +291,7 @@ impl State {
 
     /// Fills a surface's arrays; gives the simulated time.
     pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<f64> {
+        let _range = trace::range(c"publish");
         let published = self.solver.publish(index, field, arrays);
         self.heed(published)?;
         Ok(self.statistics.time_s)

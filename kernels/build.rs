@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 /// Source files that each become two images.
 const IMAGES: [&str; 5] = ["lattice", "near", "contact", "surface", "report"];
 /// What they include.
-const HEADERS: [&str; 4] = ["block.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
+const HEADERS: [&str; 5] = ["block.cuh", "clock.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {
     folder: &'static str,

@@ -4,6 +4,7 @@
 // it, the volume terms of its eight cells. A spring is so evaluated at both of its ends, with operands that differ only in sign: equal and opposite
 // to the last bit, in an order that is always the same.
 #include "block.cuh"
+#include "clock.cuh"
 #include "law.cuh"
 #include "layout.cuh"
 
@@ -180,6 +181,7 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     if (node < 16) s.laws[node] = pass.laws[node];
     wait_for_previous();
     let_next_start();
+    note_start(pass);
 
     // Once a substep has gone wrong, those behind it leave its state as it is.
     if (*pass.diverged_at < pass.substep) return;

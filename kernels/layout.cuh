@@ -81,6 +81,8 @@ struct Report {
     double vis_viva;
     uint32_t contact_points;
     uint32_t dropped_points;
+    // From the start of the step's first kernel to now.
+    uint64_t device_ns;
     ToolSum sums[MAX_TOOLS];
     uint32_t sequence;
 };
@@ -100,6 +102,8 @@ struct Pass {
     const Step* step;
     Mark* marks;
     uint32_t* diverged_at;
+    // Where the step's first kernel notes when it began, by the device's clock; null for all others.
+    uint64_t* started;
     float cell;
     // This substep in its step, from 1.
     uint32_t substep;

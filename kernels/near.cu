@@ -1,6 +1,7 @@
 // Which sites of the surface tools may meet, and what they have to do with each other. Made once for many steps: what follows from it stays good
 // while tools and tissue stay within the margin, for rows and masses do not change.
 #include "block.cuh"
+#include "clock.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
 
@@ -80,6 +81,7 @@ using namespace near_kernel;
 
 // Marks the elements that a tool may meet, and forgets the last list's carriers.
 extern "C" __global__ void __launch_bounds__(THREADS) contact_near(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
+    note_start(pass);
     const uint32_t elements = c.division > 1 ? c.triangles : c.vertices;
     const uint32_t element = blockIdx.x * THREADS + threadIdx.x;
     for (uint32_t i = element; i < c.counts[CARRIERS]; i += gridDim.x * THREADS) c.carrier_at[c.carriers[i].slot] = NONE;

@@ -50,3 +50,4 @@ pub mod model;
 mod noise;
 pub mod sim;
 pub mod solver;
+mod trace;

@@ -143,6 +143,33 @@ fn free_motion_is_that_of_the_processor() {
     }
 }
 
+#[test]
+fn a_step_says_how_long_the_gpu_worked_and_reading_nodes_what_was_copied() {
+    if !has_gpu("a_step_says_how_long_the_gpu_worked_and_reading_nodes_what_was_copied") {
+        return;
+    }
+    let mut sim = simulation(&block(0.45, 0.0), GPU, Precision::Single);
+    let mut copied = [sim.statistics().copied; 3];
+    for step in 0..60 {
+        sim.step().unwrap();
+        let now = sim.statistics();
+        // The GPU's clock may tick once in a microsecond.
+        assert!(now.step_device_s < now.step_wall_s + 2e-6, "{now:?}");
+        assert!(now.step_device_s > 1e-6, "eight kernels one after the other: {now:?}");
+        copied[step % 3] = now.copied;
+    }
+    let grown = |from: usize, to: usize| {
+        (copied[to].to_device - copied[from].to_device, copied[to].to_host - copied[from].to_host)
+    };
+    assert_eq!(grown(0, 1), grown(1, 2), "each step copies as much as the next");
+    assert!(grown(0, 1).0 > 0 && grown(0, 1).1 > 0);
+
+    // Four numbers of displacement and three of velocity for each of a brick's 8 × 4 × 4 places.
+    sim.nodes(NodeField::Displacement);
+    let read = sim.statistics().copied.to_host - copied[2].to_host;
+    assert_eq!(read, sim.statistics().awake_bricks * 128 * 28);
+}
+
 /// Presses a sphere into the block and strokes it, on the processor and twice on the GPU. Gives the simulations, the tools, the largest force,
 /// and the largest difference between both.
 fn press(model: &Arc<Model>, radius_m: f64, depth_m: f64) -> ([Sim; 3], [ToolPort; 3], f64, f64) {

@@ -35,15 +35,20 @@ fn said_with(dir: &Path, fault: &str) -> String {
 
 /// A folder with a fake driver made with `defines`; `None` where there is no C compiler.
 fn fake_driver(case: &str, defines: &[&str]) -> Option<PathBuf> {
-    let compiler = c_compiler()?;
     let dir = scratch(&format!("driver_{case}"));
-    run(Command::new(compiler)
+    fake_library("fake_driver.c", defines, &dir.join("libcuda.so.1"))?;
+    Some(dir)
+}
+
+/// Makes a library of a source in `tests/c`; `None` where there is no C compiler.
+fn fake_library(source: &str, defines: &[&str], to: &Path) -> Option<()> {
+    run(Command::new(c_compiler()?)
         .args(["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"])
         .args(defines)
-        .arg(root().join("tests/c/fake_driver.c"))
+        .arg(root().join("tests/c").join(source))
         .arg("-o")
-        .arg(dir.join("libcuda.so.1")));
-    Some(dir)
+        .arg(to));
+    Some(())
 }
 
 /// What the program says with a fake driver made with `defines`.
@@ -82,6 +87,49 @@ fn a_gpu_that_works_is_taken() {
         assert!(said.contains(&format!("\n{backend}: gpu, device 0, Fake 0; \n")), "{said}");
     }
     assert!(!said.contains("step"), "{said}");
+}
+
+#[test]
+fn statistics_hold_the_devices_time_and_every_byte_that_the_driver_copied() {
+    let Some(said) = said("counted", &[], "") else { return };
+    let after = |start: &str| {
+        let lines = said.lines().filter_map(|line| line.strip_prefix(start));
+        lines.filter(|rest| rest.contains(" bytes to ")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let copied = ["cuda: ", "auto: "].map(|backend| after(backend).concat());
+    assert_eq!(after("driver: "), copied, "{said}");
+    // The model went there, and a surface came back.
+    assert!(!copied[0].starts_with("0 bytes") && !copied[0].ends_with(" 0 to the host"), "{said}");
+    assert!(said.contains("\ncpu: 0 bytes to the device, 0 to the host\n"), "{said}");
+    for backend in ["cuda", "auto"] {
+        assert!(said.contains(&format!("\n{backend}: 0.000250 s on the device\n")), "{said}");
+    }
+}
+
+#[test]
+#[cfg(feature = "nvtx")]
+fn profilers_see_steps_and_what_the_host_waits_for_in_them() {
+    for library in ["libnvtx3interop.so.1", "libnvToolsExt.so.1"] {
+        let Some(dir) = fake_driver("profiled", &[]) else { return };
+        fake_library("fake_nvtx.c", &[], &dir.join(library)).expect("compiled before");
+        let said = said_with(&dir, "");
+        let (mut open, mut seen) = (Vec::new(), std::collections::BTreeSet::new());
+        for line in said.lines().filter_map(|line| line.strip_prefix("nvtx: ")) {
+            if let Some((depth, name)) = line.split_once(' ') {
+                assert_eq!(depth, open.len().to_string(), "{said}");
+                open.push(name);
+                seen.insert(open.join(" > "));
+            } else {
+                open.pop();
+                assert_eq!(line, open.len().to_string(), "{said}");
+            }
+        }
+        assert!(open.is_empty(), "{open:?}");
+        // A simulation is prepared by steps of its own.
+        let expected = ["launch", "publish", "step", "step > launch", "step > wait", "wait"];
+        assert!(seen.iter().eq(&expected), "{seen:?}");
+        std::fs::remove_dir_all(&dir).expect("the test's own folder");
+    }
 }
 
 #[test]
@@ -157,7 +205,7 @@ fn a_gpu_without_memory_is_a_limit() {
 fn a_failure_while_a_simulation_is_created_is_told_and_undone() {
     for (case, fault, reason) in [
         ("kernels", "cuModuleLoadData 222 0", "loading the kernels on Fake 0: status 222"),
-        ("kernel", "cuModuleGetFunction 500 3", "finding the kernel contact_resolve: status 500"),
+        ("kernel", "cuModuleGetFunction 500 3", "finding the kernel contact_sites: status 500"),
         ("shared", "cuFuncSetAttribute 1 0", " bytes of shared memory: status 1"),
         ("capture", "cuStreamEndCapture 901 0", "recording a step: status 901"),
         ("graph", "cuGraphInstantiateWithFlags 801 0", "preparing a step: status 801"),

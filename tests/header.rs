@@ -10,7 +10,7 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 14] = [
+const SOURCES: [&str; 15] = [
     "version",
     "status",
     "types/mod",
@@ -23,6 +23,7 @@ const SOURCES: [&str; 14] = [
     "model",
     "device",
     "sim",
+    "statistics",
     "tool",
     "surface",
 ];

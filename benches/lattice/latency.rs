@@ -50,6 +50,7 @@ fn ticks(scene: &Scene, options: &Options) -> Result<Latency> {
         let motion = scene.press.motion((tick + 1) as f64 * scene.pace.step_s);
         if tick == lead {
             allocated = allocations::count();
+            sim.reset_latency();
         }
         let started = Instant::now();
         tool.set_motion(&motion)?;
@@ -64,7 +65,8 @@ fn ticks(scene: &Scene, options: &Options) -> Result<Latency> {
     let allocations = allocations::count() - allocated;
     must_touch(most)?;
 
-    let statistics = sim.statistics();
+    let (statistics, steps) = (sim.statistics(), sim.latency());
+    let step_us = |q: f64| steps.quantile_s(q) * 1e6;
     Ok(Latency {
         ticks: options.ticks,
         substep_s: statistics.substep_s,
@@ -73,6 +75,9 @@ fn ticks(scene: &Scene, options: &Options) -> Result<Latency> {
         p99_us: quantile(&mut walls_us, 0.99),
         p999_us: quantile(&mut walls_us, 0.999),
         max_us: quantile(&mut walls_us, 1.0),
+        step_p50_us: step_us(0.5),
+        step_p99_us: step_us(0.99),
+        step_p999_us: step_us(0.999),
         awake_nodes: statistics.awake_nodes,
         allocations,
         min_force_n: least,

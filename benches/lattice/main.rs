@@ -10,17 +10,20 @@
 //! |---|---|
 //! | `us_per_step` | median over steps of wall time by substeps: what one pass over all nodes costs |
 //! | `least_us_per_step`, `baseline_least_us` | the fastest of them, for machines that are busy with something else |
+//! | `device_us_per_step` | on a GPU, median over steps of the time that it was at work by substeps, by its own clock |
 //! | `p50_us`, `p99_us`, `p999_us` | wall time of whole steps: what a servo loop waits |
 //! | `rtf` | simulated by wall time of all measured steps |
 //! | `dt_s`, `substep_s`, `substeps` | simulated length of a step, of a substep, and how many of these the last step had |
 //! | `awake_nodes` | mean over the measured steps |
 //! | `allocations` | heap allocations by any thread while steps were measured |
+//! | `bytes_uploaded` | copied to the GPU in all measured steps |
 //! | `bytes_per_node` | resident for state and topology, without surfaces |
 //! | `max_force_n`, `contact_points`, `dropped_points` | largest force and most points in contact while steps were measured; points without room, ever |
 //! | `baseline_us_per_step`, `ratio` | median of the [`baseline`]'s steps, taken before and after; that over `us_per_step` |
 //!
 //! With `--latency`, a step has one substep, and a *tick* is what a servo loop does: the host writes a pose, steps, and reads the force. `p50_us` to
-//! `max_us` are then wall times of ticks, `min_force_n` and `max_force_n` the bounds of the force while they were taken.
+//! `max_us` are then wall times of ticks, `step_p50_us` to `step_p999_us` those of the steps in them as the simulation itself counts them
+//! (up to 19 % too long, see [`palpate::sim::Latency`]), `min_force_n` and `max_force_n` the bounds of the force while they were taken.
 //!
 //! Gravity is on and the rest shape is in balance with it, as in any simulation that does not ask otherwise; so is background drag. Steps
 //! without any contact are an error, and so is a missing GPU.

@@ -101,12 +101,14 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
 
     let mut walls_us = Vec::with_capacity(count);
     let mut passes_us = Vec::with_capacity(count);
+    let mut device_us = Vec::with_capacity(count);
     let (mut awake, mut force, mut strain, mut points) = (0, 0.0, 0.0, 0);
-    let mut allocated = 0;
+    let (mut allocated, mut uploaded) = (0, 0);
     for step in 0..lead + count {
         tool.set_motion(&scene.press.motion((step + 1) as f64 * scene.pace.step_s))?;
         if step == lead {
             allocated = allocations::count();
+            uploaded = sim.statistics().copied.to_device;
         }
         let started = Instant::now();
         sim.step()?;
@@ -115,6 +117,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
             let statistics = sim.statistics();
             walls_us.push(wall_us);
             passes_us.push(wall_us / f64::from(statistics.substeps_per_step));
+            device_us.push(statistics.step_device_s * 1e6 / f64::from(statistics.substeps_per_step));
             awake += statistics.awake_nodes;
             force = f64::max(force, tool.force().wrench.force_n.norm());
             strain = f64::max(strain, statistics.max_strain);
@@ -127,6 +130,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
 
     let statistics = sim.statistics();
     let wall_us: f64 = walls_us.iter().sum();
+    let is_gpu = options.backend == Backend::Cuda;
     let us_per_step = quantile(&mut passes_us, 0.5);
     let baseline_us_per_step = quantile(&mut compared_us, 0.5);
     Ok(Timing {
@@ -134,6 +138,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
         substeps: statistics.substeps_per_step,
         us_per_step,
         least_us_per_step: passes_us[0],
+        device_us_per_step: is_gpu.then(|| quantile(&mut device_us, 0.5)),
         steps_per_s: 1e6 / us_per_step,
         p50_us: quantile(&mut walls_us, 0.5),
         p99_us: quantile(&mut walls_us, 0.99),
@@ -141,6 +146,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
         rtf: count as f64 * scene.pace.step_s * 1e6 / wall_us,
         awake_nodes: awake / count as u64,
         allocations,
+        bytes_uploaded: is_gpu.then(|| statistics.copied.to_device - uploaded),
         bytes_per_node: statistics.node_bytes as f64 / statistics.node_count as f64,
         max_force_n: force,
         max_strain: strain,

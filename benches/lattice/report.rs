@@ -42,6 +42,8 @@ pub struct Timing {
     pub substeps: u32,
     pub us_per_step: f64,
     pub least_us_per_step: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device_us_per_step: Option<f64>,
     pub steps_per_s: f64,
     pub p50_us: f64,
     pub p99_us: f64,
@@ -49,6 +51,8 @@ pub struct Timing {
     pub rtf: f64,
     pub awake_nodes: u64,
     pub allocations: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes_uploaded: Option<u64>,
     pub bytes_per_node: f64,
     pub max_force_n: f64,
     pub max_strain: f64,
@@ -70,6 +74,9 @@ pub struct Latency {
     pub p99_us: f64,
     pub p999_us: f64,
     pub max_us: f64,
+    pub step_p50_us: f64,
+    pub step_p99_us: f64,
+    pub step_p999_us: f64,
     pub awake_nodes: u64,
     pub allocations: u64,
     pub min_force_n: f64,
@@ -87,7 +94,7 @@ pub struct Report {
     has_failed: bool,
 }
 
-const SCENES: [&str; 15] = [
+const SCENES: [&str; 16] = [
     "scene",
     "nodes",
     "E kPa",
@@ -95,6 +102,7 @@ const SCENES: [&str; 15] = [
     "sleep",
     "substeps × ms",
     "µs/substep (least)",
+    "on the GPU",
     "p50 / p99 / p999 step ms",
     "RTF",
     "awake",
@@ -188,7 +196,7 @@ fn material(figures: &Figures) -> [String; 2] {
     [young, figures.poisson.map_or("presets".into(), |nu| nu.to_string())]
 }
 
-fn row(figures: &Figures, timing: &Timing) -> [String; 15] {
+fn row(figures: &Figures, timing: &Timing) -> [String; 16] {
     let [young, poisson] = material(figures);
     let ms = |us: f64| format!("{:.2}", us * 1e-3);
     [
@@ -199,6 +207,7 @@ fn row(figures: &Figures, timing: &Timing) -> [String; 15] {
         if figures.sleeping { "on".into() } else { "off".into() },
         format!("{} × {:.3}", timing.substeps, timing.substep_s * 1e3),
         format!("{:.1} ({:.1})", timing.us_per_step, timing.least_us_per_step),
+        timing.device_us_per_step.map_or(String::new(), |us| format!("{us:.1}")),
         [timing.p50_us, timing.p99_us, timing.p999_us].map(ms).join(" / "),
         format!("{:.2}", timing.rtf),
         format!("{:.0} %", 100.0 * timing.awake_nodes as f64 / figures.nodes as f64),

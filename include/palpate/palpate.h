@@ -163,6 +163,9 @@
 /// surface.
 #define PLP_LOAD_PRESSURE 2
 
+/// Buckets of plp_latency.
+#define PLP_LATENCY_BUCKETS 82
+
 /// Rest positions of nodes in metres, world frame.
 #define PLP_NODES_REST_POSITION 0
 
@@ -519,6 +522,22 @@ typedef struct {
     char fallback[1024];
 } plp_place;
 
+/// A touched point of the tissue's surface.
+typedef struct {
+    /// Where, world frame, metres.
+    double point_m[3];
+    /// Unit normal of the tool there, pointing into the tissue.
+    double normal[3];
+    /// How deep the point would have been inside the tool without contact, in metres.
+    double depth_m;
+    /// Force on the tissue at this point in N.
+    double force_n[3];
+    /// Material of the tissue, from 1.
+    uint32_t material;
+    /// Always 0.
+    uint32_t reserved;
+} plp_contact;
+
 /// How a simulation is doing.
 typedef struct {
     /// Steps since creation.
@@ -531,14 +550,21 @@ typedef struct {
     double substep_s;
     /// Largest stable substep at rest in seconds, damping included.
     double stable_substep_s;
-    /// Wall-clock time of the last step in seconds.
+    /// Wall-clock time of the last step in seconds: from the call, waiting for a surface that is being mapped included, until
+    /// the forces can be read. plp_sim_get_latency counts these times.
     double step_wall_s;
+    /// How long the device was at work on the last step, in seconds: on a GPU by its own clock (which may tick but once in a
+    /// microsecond), from the start of the first kernel until the report; on the processor wall-clock time. The rest of
+    /// step_wall_s is spent on asking and answering.
+    double step_device_s;
     /// Simulated time over wall-clock time of the last step: at least 1 keeps up with the world.
     double real_time_factor;
     /// All nodes.
     uint64_t node_count;
     /// Nodes integrated in the last substep.
     uint64_t awake_node_count;
+    /// Bricks of 8 x 4 x 4 places for nodes that were integrated in the last substep.
+    uint64_t awake_brick_count;
     /// Bytes held for the nodes' state and topology.
     uint64_t node_bytes;
     /// Largest |1 - L/l| of a spring along a cell's edge in the last substep, l being its length and L its rest length.
@@ -555,7 +581,29 @@ typedef struct {
     /// Surface points in tools since creation that were left out, because more were touched at once than there is room
     /// for. A force is then too small.
     uint64_t dropped_point_count;
+    /// Bytes copied from the host to the GPU since creation, that included; 0 on the processor.
+    uint64_t bytes_to_device;
+    /// Bytes copied from the GPU to the host since creation, what it reports of each step included; 0 on the processor.
+    uint64_t bytes_to_host;
 } plp_statistics;
+
+/// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up
+/// to 19 % too long, never too short, and nothing longer than max_s. All are 0 before the first step.
+typedef struct {
+    /// Steps that were counted: those that ended well.
+    uint64_t step_count;
+    /// Half of all steps took no longer, in seconds.
+    double p50_s;
+    /// 99 of 100 took no longer.
+    double p99_s;
+    /// 999 of 1000 took no longer.
+    double p999_s;
+    /// The longest.
+    double max_s;
+    /// Steps that took less than a microsecond; for i from 1 to 80, at least 2^((i-1)/4) and less than 2^(i/4)
+    /// microseconds; and, last, 2^20 microseconds or more.
+    uint64_t counts[PLP_LATENCY_BUCKETS];
+} plp_latency;
 
 /// Energies in J, computed in double precision when asked for.
 typedef struct {
@@ -568,22 +616,6 @@ typedef struct {
     /// Work that tools have done on the tissue since creation.
     double tool_work_j;
 } plp_energy;
-
-/// A touched point of the tissue's surface.
-typedef struct {
-    /// Where, world frame, metres.
-    double point_m[3];
-    /// Unit normal of the tool there, pointing into the tissue.
-    double normal[3];
-    /// How deep the point would have been inside the tool without contact, in metres.
-    double depth_m;
-    /// Force on the tissue at this point in N.
-    double force_n[3];
-    /// Material of the tissue, from 1.
-    uint32_t material;
-    /// Always 0.
-    uint32_t reserved;
-} plp_contact;
 
 /// A shape of a tool. Sizes lie between 1e-5 m and 1 m.
 typedef struct {
@@ -899,17 +931,6 @@ plp_status plp_sim_pick(const plp_sim *sim, const double *origin_m, const double
 /// @thread owner
 plp_status plp_sim_get_place(const plp_sim *sim, plp_place *place, uint32_t place_size);
 
-/// How the simulation is doing. statistics_size is sizeof(plp_statistics).
-///
-/// @thread owner
-plp_status plp_sim_get_statistics(const plp_sim *sim, plp_statistics *statistics, uint32_t statistics_size);
-
-/// The energies now. Visits every spring: for tests and plots, not for every step. energy_size is
-/// sizeof(plp_energy).
-///
-/// @thread owner
-plp_status plp_sim_get_energy(const plp_sim *sim, plp_energy *energy, uint32_t energy_size);
-
 /// A quantity of all nodes (PLP_NODES_ value), three doubles each, always in the same order. Writes at most
 /// `capacity` nodes to xyz and the number of all to node_count; answers PLP_TRUNCATED where capacity is less.
 /// xyz may be NULL with a capacity of 0 (@nullable xyz).
@@ -931,6 +952,30 @@ plp_status plp_sim_get_contacts(const plp_sim *sim,
                                 plp_contact *contacts,
                                 uint64_t capacity,
                                 uint64_t *contact_count);
+
+/// How the simulation is doing. statistics_size is sizeof(plp_statistics).
+///
+/// @thread owner
+plp_status plp_sim_get_statistics(const plp_sim *sim, plp_statistics *statistics, uint32_t statistics_size);
+
+/// How long the steps took since creation or plp_sim_reset_latency; plp_sim_reset leaves it alone. latency_size is
+/// sizeof(plp_latency).
+///
+/// @thread owner
+plp_status plp_sim_get_latency(const plp_sim *sim,
+                               plp_latency *latency,
+                               uint32_t latency_size);
+
+/// Counts the times of steps from none on, as for a measurement that begins.
+///
+/// @thread owner
+plp_status plp_sim_reset_latency(plp_sim *sim);
+
+/// The energies now. Visits every spring: for tests and plots, not for every step. energy_size is
+/// sizeof(plp_energy).
+///
+/// @thread owner
+plp_status plp_sim_get_energy(const plp_sim *sim, plp_energy *energy, uint32_t energy_size);
 
 /// Fills a desc with defaults: no parts yet, no friction. desc_size is sizeof(plp_tool_desc).
 ///

@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
 
 use super::contact::{ContactNodes, ContactSurface};
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
@@ -119,6 +120,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
     }
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
+        let started = Instant::now();
         self.core.begin(plan);
         let mut report = StepReport::default();
         let (core, scratches) = (Shared(&raw mut self.core), Shared(self.scratches.as_mut_ptr()));
@@ -151,6 +153,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             }
         });
         self.core.measure(&mut report);
+        report.device_s = started.elapsed().as_secs_f64();
         Ok(report)
     }
 
@@ -457,6 +460,7 @@ impl<R: CpuReal> Core<R> {
     /// Sums up what the marks of the last substep say.
     fn measure(&self, report: &mut StepReport) {
         report.awake_nodes = self.sleep.awake_nodes();
+        report.awake_bricks = self.sleep.awake().iter().map(|run| run.bricks as u64).sum();
         report.dropped_points = self.contact.dropped_points();
         let largest = |f: fn(&Mark) -> f32| f64::from(self.marks.iter().map(f).fold(0.0, f32::max));
         report.strain = largest(|m| m.strain);

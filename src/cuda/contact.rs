@@ -344,10 +344,12 @@ impl ContactSurface {
             (kernels.contact_carry, COUPLE_BLOCKS, NEAR_THREADS),
             (kernels.contact_couple, COUPLE_BLOCKS, NEAR_THREADS),
         ];
-        let arguments = &mut [pointer(&mut contact), pointer(pass)];
         for (kernel, blocks, threads) in launch {
+            let arguments = &mut [pointer(&mut contact), pointer(pass)];
             // SAFETY: all take the first argument, and those that take a second one take the pass.
             unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, arguments)? };
+            // Only the first kernel of a step notes when it began.
+            pass.started = 0;
         }
         Ok(())
     }

@@ -3,6 +3,8 @@
 #[cfg(all(test, unix))]
 mod tests;
 
+use std::mem::offset_of;
+
 use cudarc::driver::sys::CUdeviceptr;
 
 use crate::math::Pose;
@@ -129,6 +131,13 @@ pub struct Step {
     pub tools: [ToolStep; MAX_TOOLS],
 }
 
+impl Step {
+    /// Those that a step with so many tools needs.
+    pub fn bytes(tools: usize) -> usize {
+        offset_of!(Self, tools) + tools * size_of::<ToolStep>()
+    }
+}
+
 impl Default for Step {
     fn default() -> Self {
         Self {
@@ -149,6 +158,8 @@ impl Default for Step {
 
 /// What a substep saw in one brick.
 pub const MARK_BYTES: usize = 28;
+/// Threads of the block that reports: 64 for each number of a mark.
+pub const REPORT_THREADS: u32 = 64 * (MARK_BYTES as u32 / 4);
 
 /// How a step went.
 #[derive(Clone, Copy, Debug)]
@@ -163,8 +174,16 @@ pub struct Report {
     pub vis_viva: f64,
     pub contact_points: u32,
     pub dropped_points: u32,
+    pub device_ns: u64,
     pub sums: [ToolSum; MAX_TOOLS],
     pub sequence: u32,
+}
+
+impl Report {
+    /// Those that a step with so many tools writes.
+    pub fn bytes(tools: usize) -> usize {
+        offset_of!(Self, sums) + tools * size_of::<ToolSum>() + size_of::<u32>()
+    }
 }
 
 impl Default for Report {
@@ -179,6 +198,7 @@ impl Default for Report {
             vis_viva: 0.0,
             contact_points: 0,
             dropped_points: 0,
+            device_ns: 0,
             sums: [ToolSum::default(); MAX_TOOLS],
             sequence: 0,
         }
@@ -202,6 +222,7 @@ pub struct Pass {
     pub step: CUdeviceptr,
     pub marks: CUdeviceptr,
     pub diverged_at: CUdeviceptr,
+    pub started: CUdeviceptr,
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,

@@ -3,11 +3,13 @@
 use std::ffi::c_void;
 use std::marker::PhantomData;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use cudarc::driver::sys::{CUdeviceptr, CUstream};
 
 use super::device::Device;
 use crate::error::Result;
+use crate::solver::statistics::Copied;
 
 /// Numbers and structures without pointers or padding that matters: any bytes are a value.
 ///
@@ -18,6 +20,8 @@ pub unsafe trait Plain: Copy {}
 unsafe impl Plain for u8 {}
 // SAFETY: see above.
 unsafe impl Plain for u32 {}
+// SAFETY: see above.
+unsafe impl Plain for u64 {}
 // SAFETY: see above.
 unsafe impl Plain for f32 {}
 // SAFETY: see above.
@@ -40,6 +44,34 @@ unsafe impl Plain for super::layout::Load {}
 pub struct Stream {
     pub device: Arc<Device>,
     pub handle: CUstream,
+    /// What was copied through it.
+    pub traffic: Traffic,
+}
+
+/// Bytes that were copied between host and device.
+#[derive(Debug, Default)]
+pub struct Traffic {
+    to_device: AtomicU64,
+    to_host: AtomicU64,
+}
+
+/// ORDERING: mere counts, which order nothing.
+impl Traffic {
+    /// Notes bytes that were written to the device.
+    pub fn add_to_device(&self, bytes: usize) {
+        self.to_device.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Notes bytes that were read from it, or that it wrote into the host's memory.
+    pub fn add_to_host(&self, bytes: usize) {
+        self.to_host.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// All so far.
+    pub fn total(&self) -> Copied {
+        let [to_device, to_host] = [&self.to_device, &self.to_host].map(|n| n.load(Ordering::Relaxed));
+        Copied { to_device, to_host }
+    }
 }
 
 // SAFETY: streams may be used from any thread that has entered the context.
@@ -59,7 +91,7 @@ impl Stream {
             let status = unsafe { (device.driver.stream_create)(&mut handle, NON_BLOCKING) };
             device.driver.check(status, "a stream on the GPU")?;
         }
-        Ok(Self { device, handle })
+        Ok(Self { device, handle, traffic: Traffic::default() })
     }
 
     /// Waits until all is done.
@@ -153,6 +185,7 @@ impl<T: Plain> Buffer<T> {
                 )
             };
             device.driver.check(status, "writing to the GPU")?;
+            self.stream.traffic.add_to_device(size_of_val(values));
         }
         self.stream.wait()
     }
@@ -174,6 +207,7 @@ impl<T: Plain> Buffer<T> {
                 )
             };
             device.driver.check(status, "reading from the GPU")?;
+            self.stream.traffic.add_to_host(size_of_val(values));
         }
         self.stream.wait()
     }

@@ -5,7 +5,6 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
-use std::mem::offset_of;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
@@ -13,7 +12,7 @@ use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::Kernels;
-use super::layout::{Law, MARK_BYTES, Pass, Report, SOUND, Step, ToolStep};
+use super::layout::{Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step};
 use super::memory::{Buffer, Pinned, Stream};
 use super::pointer;
 use super::surface::SurfaceOnDevice;
@@ -23,8 +22,10 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::sim::MAX_TOOLS;
+use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::trace;
 
 /// Displacement, in cells, at which forces are taken for linear: small against a cell, large against single precision's rounding.
 const PROBE: f64 = 1e-3;
@@ -78,6 +79,8 @@ struct State {
     step: Buffer<u32>,
     marks: Buffer<u8>,
     diverged_at: Buffer<u32>,
+    /// When the last step began, by the device's clock, in ns.
+    started: Buffer<u64>,
     cell: f32,
 }
 
@@ -107,12 +110,14 @@ impl State {
             flags: Buffer::of(stream, lattice.flags())?,
             laws: Buffer::of(stream, &model.laws().map(|law| Law::of(&law)))?,
             step: Buffer::zeros(stream, size_of::<Step>().div_ceil(4))?,
-            marks: Buffer::zeros(stream, bricks * MARK_BYTES)?,
+            // The report reads them four by four.
+            marks: Buffer::zeros(stream, bricks.next_multiple_of(4) * MARK_BYTES)?,
             diverged_at: {
                 let flag = Buffer::zeros(stream, 1)?;
                 flag.write(0, &[SOUND])?;
                 flag
             },
+            started: Buffer::zeros(stream, 1)?,
             cell: lattice.cell_m() as f32,
         })
     }
@@ -132,6 +137,7 @@ impl State {
             step: self.step.at(),
             marks: self.marks.at(),
             diverged_at: self.diverged_at.at(),
+            started: if substep == 1 { self.started.at() } else { 0 },
             cell: self.cell,
             substep,
             mark: u32::from(mark),
@@ -212,7 +218,12 @@ impl CudaSolver {
             let graph = Graph::record(&self.stream, || self.work(substeps, start, contact))?;
             self.graphs.insert(key, graph);
         }
-        self.graphs[&key].launch()
+        let _range = trace::range(c"launch");
+        self.graphs[&key].launch()?;
+        let tools = contact.tools as usize;
+        self.stream.traffic.add_to_device(Step::bytes(tools));
+        self.stream.traffic.add_to_host(Report::bytes(tools));
+        Ok(())
     }
 
     /// The work of one step, in order.
@@ -223,7 +234,7 @@ impl CudaSolver {
             let status = (device.driver.memcpy_to_device)(
                 self.state.step.at(),
                 self.step.host().cast_const().cast(),
-                offset_of!(Step, tools) + contact.tools as usize * size_of::<ToolStep>(),
+                Step::bytes(contact.tools as usize),
                 stream,
             );
             device.driver.check(status, "recording a step")?;
@@ -242,25 +253,28 @@ impl CudaSolver {
                     self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
                 }
             }
-            let (mut marks, mut count) = (self.state.marks.at(), self.state.bricks);
+            let (mut marks, mut quads) = (self.state.marks.at(), self.state.marks.bytes() as u32 / 16);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
+            let mut started = self.state.started.at();
             let [mut counts, mut sums] = self.contact.told();
             let mut report = self.report.device_at();
             let arguments = &mut [
                 pointer(&mut marks),
-                pointer(&mut count),
+                pointer(&mut quads),
                 pointer(&mut step),
                 pointer(&mut flag),
+                pointer(&mut started),
                 pointer(&mut counts),
                 pointer(&mut sums),
                 pointer(&mut report),
             ];
-            self.kernels.report.launch(device, stream, 1, 1024, arguments)
+            self.kernels.report.launch(device, stream, 1, REPORT_THREADS, arguments)
         }
     }
 
     /// Waits for the report of the step with a number.
     fn wait_for(&self, sequence: u32) -> Result<Report> {
+        let _range = trace::range(c"wait");
         let report = self.report.host();
         let mut looks = 0;
         // SAFETY: the record lives as long as the solver; the device writes `sequence` last.
@@ -428,6 +442,8 @@ impl Solver for CudaSolver {
             substeps: taken,
             has_diverged,
             awake_nodes: self.model.lattice().node_count() as u64,
+            awake_bricks: u64::from(self.state.bricks),
+            device_s: report.device_ns as f64 * 1e-9,
             strain: f64::from(report.strain),
             volume_ratio: [1.0 - f64::from(report.shrinking), 1.0 + f64::from(report.swelling)],
             contact_points: report.contact_points,
@@ -506,6 +522,10 @@ impl Solver for CudaSolver {
 
     fn node_bytes(&self) -> u64 {
         self.state.bytes()
+    }
+
+    fn copied(&self) -> Copied {
+        self.stream.traffic.total()
     }
 }
 

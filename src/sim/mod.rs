@@ -4,16 +4,19 @@
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 
 mod backend;
+mod latency;
 mod pick;
 mod state;
 mod surface_port;
 mod tool_port;
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use parking_lot::Mutex;
 
 pub use self::backend::{Backend, Place};
+pub use self::latency::Latency;
 pub use self::pick::Pick;
 pub use self::surface_port::{SurfaceFrame, SurfacePort};
 pub use self::tool_port::ToolPort;
@@ -26,6 +29,7 @@ use crate::model::Model;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc};
+use crate::trace;
 
 /// The arithmetic of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -184,7 +188,9 @@ impl Sim {
     /// After [`Error::Diverged`] the state is the last good one, at rest, and every further step fails in the same way until
     /// [`Self::reset`].
     pub fn step(&mut self) -> Result<()> {
-        self.with(State::step)
+        let _range = trace::range(c"step");
+        let asked = Instant::now();
+        self.with(|state| state.step(asked))
     }
 
     /// Lets the tissue come to rest under its loads, with the tools where they are, without simulated time passing. Stops when no
@@ -238,6 +244,7 @@ impl Sim {
 
     /// The contacts of a tool in the last substep.
     pub fn contacts(&self, tool: ToolId) -> Result<Vec<Contact>> {
+        let _range = trace::range(c"list of contacts");
         self.with(|state| state.contacts(tool))
     }
 
@@ -262,6 +269,16 @@ impl Sim {
     /// How the simulation is doing.
     pub fn statistics(&self) -> Statistics {
         self.with(|state| state.statistics())
+    }
+
+    /// How long steps that ended well took since creation or [`Self::reset_latency`]; [`Self::reset`] leaves it alone.
+    pub fn latency(&self) -> Latency {
+        self.with(|state| state.latency)
+    }
+
+    /// Counts the times of steps from none on.
+    pub fn reset_latency(&mut self) {
+        self.with(|state| state.latency = Latency::default());
     }
 
     /// Energies now.

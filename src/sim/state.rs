@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::latency::Latency;
 use super::tool_port::{self, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
@@ -17,6 +18,7 @@ use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
 use crate::solver::{
     RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum,
 };
+use crate::trace;
 
 /// Share of the stable step that is used: the frequency it comes from is a lower bound, within a percent or so.
 const SAFETY: f64 = 0.95;
@@ -41,6 +43,7 @@ pub(super) struct State {
     poisson: f64,
     report: StepReport,
     statistics: Statistics,
+    pub latency: Latency,
     tool_work_j: f64,
     diverged_at: Option<f64>,
     /// Why the device is lost.
@@ -74,6 +77,7 @@ impl State {
             next_id: 1,
             poisson,
             report: StepReport::default(),
+            latency: Latency::default(),
             tool_work_j: 0.0,
             diverged_at: None,
             lost: None,
@@ -119,9 +123,9 @@ impl State {
         found.ok_or_else(|| Error::argument(format!("there is no tool {} in this simulation", id.0)))
     }
 
-    pub fn step(&mut self) -> Result<()> {
+    /// `asked` is when the step was asked for.
+    pub fn step(&mut self, asked: Instant) -> Result<()> {
         self.refuse_if_failed()?;
-        let started = Instant::now();
         let (substeps, dt) = self.note_substeps();
         self.take_motions();
         self.advance(substeps, dt, None)?;
@@ -132,7 +136,9 @@ impl State {
         }
         self.statistics.steps += 1;
         self.publish_forces(dt * f64::from(substeps));
-        let wall = started.elapsed().as_secs_f64();
+        let wall = asked.elapsed().as_secs_f64();
+        self.latency.note(wall);
+        self.statistics.step_device_s = self.report.device_s;
         self.statistics.step_wall_s = wall;
         self.statistics.real_time_factor = self.desc.step_s / wall;
         Ok(())
@@ -254,7 +260,7 @@ impl State {
     }
 
     pub fn statistics(&self) -> Statistics {
-        self.statistics
+        Statistics { copied: self.solver.copied(), ..self.statistics }
     }
 
     pub fn energy(&mut self) -> Energy {
@@ -285,6 +291,7 @@ impl State {
 
     /// Fills a surface's arrays; gives the simulated time.
     pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<f64> {
+        let _range = trace::range(c"publish");
         let published = self.solver.publish(index, field, arrays);
         self.heed(published)?;
         Ok(self.statistics.time_s)
@@ -388,6 +395,7 @@ impl State {
         let (report, statistics) = (&self.report, &mut self.statistics);
         statistics.substeps += u64::from(report.substeps);
         statistics.awake_nodes = report.awake_nodes;
+        statistics.awake_bricks = report.awake_bricks;
         statistics.max_strain = report.strain;
         statistics.volume_ratio = report.volume_ratio;
         statistics.contact_points = report.contact_points;

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
 use load::NodalLoads;
+use statistics::Copied;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
 
 /// One step, as a backend takes it. Model frame.
@@ -72,6 +73,10 @@ pub struct StepReport {
     pub has_diverged: bool,
     /// Nodes integrated in the last substep.
     pub awake_nodes: u64,
+    /// Bricks integrated in the last substep.
+    pub awake_bricks: u64,
+    /// How long the device was at work, in s.
+    pub device_s: f64,
     /// Largest |1 − L / l| of an edge spring.
     pub strain: f64,
     /// Smallest and largest J of a cell with a volume term.
@@ -153,4 +158,9 @@ pub trait Solver: Send + std::fmt::Debug {
 
     /// Bytes resident for the state and topology of nodes, the model's part included.
     fn node_bytes(&self) -> u64;
+
+    /// Bytes copied between host and device since creation.
+    fn copied(&self) -> Copied {
+        Copied::default()
+    }
 }

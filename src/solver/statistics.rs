@@ -15,12 +15,19 @@ pub struct Statistics {
     pub substeps_per_step: u32,
     /// Largest stable substep at rest, in seconds, damping included.
     pub stable_substep_s: f64,
-    /// Wall-clock time of the last step in seconds.
+    /// Wall-clock time of the last step in seconds: from the call, waiting for a surface that is being mapped included, until the
+    /// forces can be read. [`Sim::latency`](crate::sim::Sim::latency) counts these times.
     pub step_wall_s: f64,
+    /// How long the device was at work on the last step, in seconds: on a GPU by its own clock (which may tick but once in a
+    /// microsecond), from the start of the first kernel until the report; on the processor wall-clock time, from the first
+    /// substep to the last. The rest of [`Self::step_wall_s`] is spent on asking and answering.
+    pub step_device_s: f64,
     /// Simulated time over wall-clock time of the last step.
     pub real_time_factor: f64,
     /// Nodes that were integrated in the last substep.
     pub awake_nodes: u64,
+    /// Bricks of 8 × 4 × 4 places for nodes that were integrated in the last substep.
+    pub awake_bricks: u64,
     /// All nodes.
     pub node_count: u64,
     /// Largest |1 - L / l| of an edge spring in the last substep, l being its length and L its rest length.
@@ -34,6 +41,17 @@ pub struct Statistics {
     pub dropped_points: u64,
     /// Bytes resident for the state and topology of nodes.
     pub node_bytes: u64,
+    /// Bytes copied between the host and the GPU since creation, that included; 0 on the processor.
+    pub copied: Copied,
+}
+
+/// Bytes copied between the host and a GPU.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Copied {
+    /// From the host to the GPU.
+    pub to_device: u64,
+    /// From the GPU to the host, what it reports of each step included.
+    pub to_host: u64,
 }
 
 /// Energies in J, computed on request in double precision.

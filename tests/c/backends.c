@@ -34,6 +34,7 @@ static plp_tool *large_ball(plp_sim *sim) {
 /* After the loss of its device: nothing but an end. */
 static void check_lost(plp_sim *sim, plp_tool *tool, plp_surface *surface, int had_frame) {
     plp_statistics statistics;
+    plp_latency latency;
     plp_surface_view view;
     plp_force force;
     plp_pick pick;
@@ -49,6 +50,8 @@ static void check_lost(plp_sim *sim, plp_tool *tool, plp_surface *surface, int h
     ANSWERS(PLP_ERR_DEVICE, plp_sim_get_nodes(sim, PLP_NODES_DISPLACEMENT, NULL, 0, &count));
     ANSWERS(PLP_ERR_DEVICE, plp_sim_get_contacts(sim, tool, NULL, 0, &count));
     ANSWERS(PLP_ERR_DEVICE, plp_sim_get_statistics(sim, &statistics, sizeof statistics));
+    ANSWERS(PLP_ERR_DEVICE, plp_sim_get_latency(sim, &latency, sizeof latency));
+    ANSWERS(PLP_ERR_DEVICE, plp_sim_reset_latency(sim));
     ANSWERS(PLP_ERR_DEVICE, plp_sim_get_place(sim, &place, sizeof place));
     ANSWERS(PLP_ERR_DEVICE, plp_tool_create(sim, &none, &another));
     force.force_n[0] = NAN;
@@ -56,6 +59,27 @@ static void check_lost(plp_sim *sim, plp_tool *tool, plp_surface *surface, int h
     CHECK(force.force_n[0] == 0 && force.force_n[1] == 0 && force.force_n[2] == 0);
     ANSWERS(had_frame ? PLP_STOPPED : PLP_ERR_STATE, plp_surface_map(surface, &view, sizeof view));
     ANSWERS(had_frame ? PLP_OK : PLP_ERR_STATE, plp_surface_unmap(surface));
+}
+
+/* What the simulation says of itself after `steps` steps that ended well. */
+static void check_statistics(plp_sim *sim, const char *name, uint64_t steps) {
+    plp_statistics now;
+    plp_latency latency;
+    uint64_t counted = 0;
+    ANSWERS(PLP_OK, plp_sim_get_statistics(sim, &now, sizeof now));
+    CHECK(now.steps == steps && now.awake_brick_count > 0 && now.step_device_s > 0);
+    ANSWERS(PLP_OK, plp_sim_get_latency(sim, &latency, sizeof latency));
+    CHECK(latency.step_count == steps && latency.max_s >= now.step_wall_s);
+    CHECK(latency.p50_s > 0 && latency.p50_s <= latency.p99_s && latency.p99_s <= latency.p999_s);
+    CHECK(latency.p999_s <= latency.max_s);
+    for (int i = 0; i < PLP_LATENCY_BUCKETS; ++i) counted += latency.counts[i];
+    CHECK(counted == steps);
+    ANSWERS(PLP_OK, plp_sim_reset_latency(sim));
+    ANSWERS(PLP_OK, plp_sim_get_latency(sim, &latency, sizeof latency));
+    CHECK(latency.step_count == 0 && latency.max_s == 0 && latency.p99_s == 0);
+    printf("%s: %.6f s on the device\n", name, now.step_device_s);
+    printf("%s: %llu bytes to the device, %llu to the host\n", name, (unsigned long long)now.bytes_to_device,
+           (unsigned long long)now.bytes_to_host);
 }
 
 static void try_backend(const plp_model *model, const char *name, uint32_t backend) {
@@ -103,6 +127,7 @@ static void try_backend(const plp_model *model, const char *name, uint32_t backe
         CHECK(plp_tool_get_force(tool, &force) == (read == PLP_OK ? PLP_OK : PLP_STOPPED));
         CHECK(place.backend == PLP_BACKEND_CUDA || step < 40 || force.force_n[2] > 0);
     }
+    if (status >= 0) check_statistics(sim, name, 40);
     ANSWERS(PLP_OK, plp_sim_destroy(sim));
     ANSWERS(PLP_OK, plp_tool_destroy(tool));
     ANSWERS(PLP_OK, plp_surface_destroy(surface));

@@ -414,6 +414,9 @@ static void simulations(void) {
     CHECK(count == 9 * 9 * 9);
     plp_statistics statistics;
     ANSWERS(PLP_ERR_STRUCT_SIZE, plp_sim_get_statistics(sim, &statistics, 0));
+    plp_latency latency;
+    ANSWERS(PLP_ERR_STRUCT_SIZE, plp_sim_get_latency(sim, &latency, sizeof latency - 1));
+    ANSWERS(PLP_ERR_NULL, plp_sim_get_latency(sim, NULL, sizeof latency));
     ANSWERS(PLP_ERR_NULL, plp_sim_get_energy(sim, NULL, sizeof(plp_energy)));
 
     ANSWERS(PLP_OK, plp_sim_destroy(sim));

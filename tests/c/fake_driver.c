@@ -5,8 +5,10 @@
  * device (700 and above) stays lost but can be asked for its name, and a stub (34) can do nothing at all. The name "report" stands for no function: steps
  * after GOOD good ones end without a report.
  *
- * What the program takes from it and has not given back in the end is counted on stderr.
+ * What the program takes from it and has not given back in the end is counted on stderr. When a context is given back, stdout is told
+ * the bytes that went to the device since it was taken, and those that came from it, reports included.
  */
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,13 +26,14 @@ typedef uint64_t address;
 /* Twins of Step and Report in src/cuda/layout.rs, as far as they are used here. */
 typedef struct {
     float dt, keep, gravity[3];
-    uint32_t sequence;
+    uint32_t sequence, tool_count;
 } step_start;
 typedef struct {
     uint32_t diverged_at;
     float measures[5];
     double vis_viva;
     uint32_t counts[2];
+    uint64_t device_ns;
     double sums[64][7];
     uint32_t sequence;
 } step_report;
@@ -47,6 +50,7 @@ typedef struct {
 static graph *recorded, *pending;
 static char report_kernel, other_kernel, context, stream, module;
 static int stuck, held;
+static size_t bytes_to_device, bytes_to_host;
 
 __attribute__((destructor)) static void count_held(void) {
     if (held) fprintf(stderr, "%d things of the driver's were not given back\n", held);
@@ -83,12 +87,16 @@ static void work(void) {
     graph *step = pending;
     pending = NULL;
     memcpy(step->to, step->from, step->bytes);
+    bytes_to_device += step->bytes;
     if (status_of("report")) return;
+    bytes_to_host += offsetof(step_report, sums[step->step->tool_count]) + sizeof step->report->sequence;
     step->report->diverged_at = UINT32_MAX;
+    step->report->device_ns = 250000;
     step->report->sequence = step->step->sequence;
 }
 
 int cuInit(unsigned flags) { TRY; return (int)flags; }
+int cuDriverGetVersion(int *version) { TRY; *version = 13000; return 0; }
 int cuGetErrorName(int status, const char **name) {
     static const struct { int status; const char *name; } names[] = {
         {2, "CUDA_ERROR_OUT_OF_MEMORY"},     {100, "CUDA_ERROR_NO_DEVICE"}, {700, "CUDA_ERROR_ILLEGAL_ADDRESS"},
@@ -119,8 +127,18 @@ int cuDeviceGetAttribute(int *value, int attribute, int device) {
 }
 int cuDeviceTotalMem_v2(size_t *bytes, int device) { TRY; (void)device; *bytes = (size_t)8 << 30; return 0; }
 
-int cuDevicePrimaryCtxRetain(void **retained, int device) { TRY; (void)device; *retained = &context; return taken(); }
-int cuDevicePrimaryCtxRelease_v2(int device) { (void)device; return given_back(); }
+int cuDevicePrimaryCtxRetain(void **retained, int device) {
+    TRY;
+    (void)device;
+    *retained = &context;
+    bytes_to_device = bytes_to_host = 0;
+    return taken();
+}
+int cuDevicePrimaryCtxRelease_v2(int device) {
+    (void)device;
+    printf("driver: %zu bytes to the device, %zu to the host\n", bytes_to_device, bytes_to_host);
+    return given_back();
+}
 int cuCtxPushCurrent_v2(void *pushed) { return pushed == &context ? 0 : 1; }
 int cuCtxPopCurrent_v2(void **popped) { *popped = &context; return 0; }
 
@@ -154,10 +172,17 @@ int cuMemcpyHtoDAsync_v2(address to, const void *from, size_t bytes, void *s) {
         recorded->to = at(to), recorded->from = from, recorded->bytes = bytes;
     } else {
         memcpy(at(to), from, bytes);
+        bytes_to_device += bytes;
     }
     return 0;
 }
-int cuMemcpyDtoHAsync_v2(void *to, address from, size_t bytes, void *s) { TRY; (void)s; memcpy(to, at(from), bytes); return 0; }
+int cuMemcpyDtoHAsync_v2(void *to, address from, size_t bytes, void *s) {
+    TRY;
+    (void)s;
+    memcpy(to, at(from), bytes);
+    bytes_to_host += bytes;
+    return 0;
+}
 int cuMemsetD32Async(address to, unsigned word, size_t words, void *s) {
     TRY;
     (void)s;
@@ -180,7 +205,7 @@ int cuLaunchKernelEx(const void *config, void *kernel, void **arguments, void **
     (void)config, (void)extra;
     if (kernel == &report_kernel) {
         recorded->step = at(*(const address *)arguments[2]);
-        recorded->report = at(*(const address *)arguments[6]);
+        recorded->report = at(*(const address *)arguments[7]);
     }
     return 0;
 }

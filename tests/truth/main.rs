@@ -10,5 +10,6 @@ mod repeat;
 mod scene;
 mod shapes;
 mod sleep;
+mod statistics;
 mod tolerance;
 mod waves;

@@ -156,14 +156,21 @@ pub struct plp_statistics {
     pub substep_s: f64,
     /// Largest stable substep at rest in seconds, damping included.
     pub stable_substep_s: f64,
-    /// Wall-clock time of the last step in seconds.
+    /// Wall-clock time of the last step in seconds: from the call, waiting for a surface that is being mapped included, until
+    /// the forces can be read. plp_sim_get_latency counts these times.
     pub step_wall_s: f64,
+    /// How long the device was at work on the last step, in seconds: on a GPU by its own clock (which may tick but once in a
+    /// microsecond), from the start of the first kernel until the report; on the processor wall-clock time. The rest of
+    /// step_wall_s is spent on asking and answering.
+    pub step_device_s: f64,
     /// Simulated time over wall-clock time of the last step: at least 1 keeps up with the world.
     pub real_time_factor: f64,
     /// All nodes.
     pub node_count: u64,
     /// Nodes integrated in the last substep.
     pub awake_node_count: u64,
+    /// Bricks of 8 x 4 x 4 places for nodes that were integrated in the last substep.
+    pub awake_brick_count: u64,
     /// Bytes held for the nodes' state and topology.
     pub node_bytes: u64,
     /// Largest |1 - L/l| of a spring along a cell's edge in the last substep, l being its length and L its rest length.
@@ -180,12 +187,45 @@ pub struct plp_statistics {
     /// Surface points in tools since creation that were left out, because more were touched at once than there is room
     /// for. A force is then too small.
     pub dropped_point_count: u64,
+    /// Bytes copied from the host to the GPU since creation, that included; 0 on the processor.
+    pub bytes_to_device: u64,
+    /// Bytes copied from the GPU to the host since creation, what it reports of each step included; 0 on the processor.
+    pub bytes_to_host: u64,
 }
 
 // SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
 unsafe impl Output for plp_statistics {
     const NAME: &'static str = "plp_statistics";
-    const FIRST_SIZE: usize = offset_of!(Self, dropped_point_count) + size_of::<u64>();
+    const FIRST_SIZE: usize = offset_of!(Self, bytes_to_host) + size_of::<u64>();
+}
+
+/// Buckets of plp_latency.
+pub const PLP_LATENCY_BUCKETS: usize = 82;
+
+/// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up
+/// to 19 % too long, never too short, and nothing longer than max_s. All are 0 before the first step.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct plp_latency {
+    /// Steps that were counted: those that ended well.
+    pub step_count: u64,
+    /// Half of all steps took no longer, in seconds.
+    pub p50_s: f64,
+    /// 99 of 100 took no longer.
+    pub p99_s: f64,
+    /// 999 of 1000 took no longer.
+    pub p999_s: f64,
+    /// The longest.
+    pub max_s: f64,
+    /// Steps that took less than a microsecond; for i from 1 to 80, at least 2^((i-1)/4) and less than 2^(i/4)
+    /// microseconds; and, last, 2^20 microseconds or more.
+    pub counts: [u64; PLP_LATENCY_BUCKETS],
+}
+
+// SAFETY: repr(C), 8-byte fields.
+unsafe impl Output for plp_latency {
+    const NAME: &'static str = "plp_latency";
+    const FIRST_SIZE: usize = offset_of!(Self, counts) + size_of::<[u64; PLP_LATENCY_BUCKETS]>();
 }
 
 /// Energies in J, computed in double precision when asked for.

@@ -32,10 +32,11 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Report {
             diverged_at, speed2, strain, swelling, shrinking, displacement2, vis_viva, contact_points,
-            dropped_points, sums, sequence
+            dropped_points, device_ns, sums, sequence
         }
         Pass {
-            u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, cell, substep, mark
+            u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
+            mark
         }
         Carrier { slot, start, count, name }
         Load { site, weight }

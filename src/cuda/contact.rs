@@ -248,15 +248,8 @@ impl ContactSurface {
         })
     }
 
-    /// What contact will do in a step of `duration` seconds, when no node is faster than `speed` at its start and all fall with `gravity`.
-    pub fn prepare(
-        &mut self,
-        tools: &[ToolStep],
-        substeps: u32,
-        speed: f64,
-        gravity: f64,
-        duration: f64,
-    ) -> Result<Prepared> {
+    /// What contact will do in a step in which no node comes further than `way` by itself, in m.
+    pub fn prepare(&mut self, tools: &[ToolStep], substeps: u32, way: f64) -> Result<Prepared> {
         let mut records = Vec::with_capacity(tools.len());
         let mut parts = Vec::new();
         let (mut moves, mut division, mut reach) = (1.0_f64, 1.0_f64, 0.0_f64);
@@ -264,10 +257,10 @@ impl ContactSurface {
             let feature = tool.desc.feature_m();
             records.push(layout::ToolStep::of(tool, parts.len() as u32));
             parts.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
-            let way = tool.path.reach(tool.desc.bounding_radius_m());
-            moves = moves.max((way / f64::from(substeps) / (0.5 * feature)).ceil());
+            let own = tool.path.reach(tool.desc.bounding_radius_m());
+            moves = moves.max((own / f64::from(substeps) / (0.5 * feature)).ceil());
             division = division.max((self.longest_edge / (0.5 * feature)).ceil());
-            reach = reach.max(way);
+            reach = reach.max(own);
         }
         if parts != self.known_parts {
             self.parts.write(0, &parts)?;
@@ -275,7 +268,7 @@ impl ContactSurface {
         }
         let division = division.min(MAX_DIVISION) as u32;
         // Tissue that a tool pushes moves no faster than the tool.
-        let way = self.lever * (speed * duration + 0.5 * gravity * duration * duration + reach);
+        let way = self.lever * (way + reach);
         let cell = self.model.lattice().cell_m();
         let (mut lists, mut margin) = (0, 0.0);
         match &mut self.list {
@@ -301,9 +294,9 @@ impl ContactSurface {
         self.list = None;
     }
 
-    /// Whether tissue may come so far in one substep that its way matters to a tool.
-    pub fn may_jump(&self, tools: &[ToolStep], speed: f64, dt: f64) -> bool {
-        tools.iter().any(|tool| speed * dt > JUMP * tool.desc.feature_m())
+    /// Whether tissue that comes `way` in one substep, in m, may come so far that its way matters to a tool.
+    pub fn may_jump(&self, tools: &[ToolStep], way: f64) -> bool {
+        tools.iter().any(|tool| way > JUMP * tool.desc.feature_m())
     }
 
     /// Largest push in one substep, in m.

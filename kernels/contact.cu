@@ -65,9 +65,6 @@ __device__ Vec velocity_of(const ToolStep& tool, const Vec& at, float duration) 
     return (linear + cross(vec(tool.turn), at)) * (1.0f / duration);
 }
 
-// Place of a slot's velocity along x; y and z follow at distances of BRICK_NODES.
-__device__ size_t velocity_at(uint32_t slot) { return size_t(slot / BRICK_NODES) * (3 * BRICK_NODES) + slot % BRICK_NODES; }
-
 // A site and a tool.
 struct Probe {
     Vec at;

@@ -1,5 +1,6 @@
 // What the host and the kernels share: twins of src/cuda/layout.rs.
 #pragma once
+#include <stddef.h>
 #include <stdint.h>
 #include "contact.cuh"
 
@@ -41,7 +42,7 @@ struct ToolSum {
 // What is new in each step. Model frame, SI units; `tools` follow in the same record.
 struct Step {
     float dt;
-    // What background drag leaves of a velocity.
+    // What is left of a velocity after a substep's kick: by background drag, or one half from rest while the tissue settles.
     float keep;
     float gravity[3];
     uint32_t sequence;
@@ -54,7 +55,8 @@ struct Step {
     float push_limit;
     // Whether tissue may come so far in one substep that its way matters.
     uint32_t may_jump;
-    uint32_t reserved;
+    // Sum of m v² at the end of the last substep; 0 where velocities were cleared. Kept up by the device while it settles.
+    float vis_viva;
     ToolStep tools[MAX_TOOLS];
 };
 
@@ -109,6 +111,54 @@ struct Pass {
     uint32_t substep;
     // Whether marks are wanted.
     uint32_t mark;
+};
+
+// Place of a slot's velocity along x; y and z follow at distances of BRICK_NODES.
+PLP_LAW size_t velocity_at(uint32_t slot) { return size_t(slot / BRICK_NODES) * (3 * BRICK_NODES) + slot % BRICK_NODES; }
+
+// A node that loads push.
+struct Pushed {
+    uint32_t slot;
+    // Its pressed faces: where they begin, and how many there are.
+    uint32_t start, count;
+    // By forces that keep their direction, in m/s²; and 1 / mass. Zero along held axes.
+    float acceleration[3];
+    float mobility[3];
+};
+
+// A pressed face: corners counter-clockwise seen from outside, the diagonals from the first two of them at rest, and the pressure in Pa.
+struct Pressed {
+    uint32_t corners[4];
+    float diagonals[2][3];
+    float pressure;
+};
+
+// All loads.
+struct Push {
+    uint32_t count;
+    const Pushed* nodes;
+    const Pressed* faces;  // node by node
+};
+
+// A node of a region that is driven.
+struct Driven {
+    float rest[3];
+    uint32_t slot;
+    // Its region's place among those that are driven.
+    uint32_t region;
+};
+
+// What makes a displacement of a rest position: a rotation's matrix less the unit matrix, row by row, and a translation in m.
+struct Motion {
+    float turn[9];
+    float way[3];
+};
+
+// All regions that are driven.
+struct Drive {
+    uint32_t count, regions;
+    const Driven* nodes;
+    const Motion* motions;  // [substeps][regions]: at the end of each substep
 };
 
 // Places in Contact::counts: near elements; listed sites, the nodes that carry them, and their loads; what found no room; points and the time they

@@ -95,7 +95,7 @@
 #define PLP_BACKEND_CUDA 1
 
 /// A simulation runs on the first NVIDIA GPU that can run it, otherwise on the processor; plp_sim_get_place says why.
-/// This is decided once, by plp_sim_create: what a GPU refuses later stays refused.
+/// This is decided once, by plp_sim_create.
 #define PLP_BACKEND_AUTO 2
 
 /// A label's voxels become nothing: air, gas, outside.

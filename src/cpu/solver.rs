@@ -197,6 +197,8 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         if let Some(v_next) = &mut nodes.v_next {
             v_next.0.fill(Default::default());
         }
+        self.core.vis_viva = 0.0;
+        self.core.is_cleared = true;
         self.core.sleep.wake_all(&self.core.bricks);
     }
 
@@ -411,9 +413,7 @@ impl<R: CpuReal> Core<R> {
 
     /// Moves a rigid region to where it is after the fraction `t` of the step. Returns how far a node of it has moved at most, in m.
     fn drive(&mut self, region: &RegionStep, t: f64, dt: f64) -> f64 {
-        // The end itself, not an interpolation's rounding of it.
-        let between = (t < 1.0).then(|| region.from.try_lerp_slerp(&region.to, t, 1e-9)).flatten();
-        let pose = between.unwrap_or(region.to);
+        let pose = region.at(t);
         let model = self.bricks.model.clone();
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let v = v_next.as_mut().unwrap_or(v);

@@ -210,25 +210,19 @@ impl ContactSurface {
         })
     }
 
-    /// What contact will do in a step, when no node is faster than `speed` at its start; fills in what the device needs to know. `step` says
-    /// already how long the step is, and how tissue falls.
-    pub fn prepare(
-        &mut self,
-        tools: &[ToolStep],
-        substeps: u32,
-        speed: f64,
-        step: &mut Step,
-    ) -> Result<Plan> {
+    /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know. `step`
+    /// says already how long its substeps are.
+    pub fn prepare(&mut self, tools: &[ToolStep], substeps: u32, way: f64, step: &mut Step) -> Result<Plan> {
         let (mut moves, mut division, mut reach) = (1.0_f64, 1.0_f64, 0.0_f64);
         self.parts_of_step.clear();
         for (tool, record) in tools.iter().zip(&mut step.tools) {
             let feature = tool.desc.feature_m();
             *record = layout::ToolStep::of(tool, self.parts_of_step.len() as u32);
             self.parts_of_step.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
-            let way = tool.path.reach(tool.desc.bounding_radius_m());
-            moves = moves.max((way / f64::from(substeps) / (0.5 * feature)).ceil());
+            let own = tool.path.reach(tool.desc.bounding_radius_m());
+            moves = moves.max((own / f64::from(substeps) / (0.5 * feature)).ceil());
             division = division.max((self.longest_edge / (0.5 * feature)).ceil());
-            reach = reach.max(way);
+            reach = reach.max(own);
         }
         if self.parts_of_step != self.known_parts {
             self.parts.write(0, &self.parts_of_step)?;
@@ -236,13 +230,12 @@ impl ContactSurface {
         }
         step.tool_count = tools.len() as u32;
         step.push_limit = (PUSH_LIMIT * self.model.lattice().cell_m()) as f32;
-        let dt = f64::from(step.dt);
-        step.may_jump = tools.iter().any(|tool| speed * dt > JUMP * tool.desc.feature_m()).into();
+        let jump = way / f64::from(substeps);
+        step.may_jump = tools.iter().any(|tool| jump > JUMP * tool.desc.feature_m()).into();
 
         let division = division.min(MAX_DIVISION) as u32;
         // Tissue that a tool pushes moves no faster than the tool.
-        let (duration, gravity) = (f64::from(step.duration), Vec3::from(step.gravity.map(f64::from)).norm());
-        let way = self.lever * (speed * duration + 0.5 * gravity * duration * duration + reach);
+        let way = self.lever * (way + reach);
         let lists = self.keep_up(tools, division, substeps, way, step);
         Ok(Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, division, lists })
     }

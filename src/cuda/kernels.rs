@@ -35,6 +35,7 @@ const LATTICE: Image = image!("lattice");
 const NEAR: Image = image!("near");
 const CONTACT: Image = image!("contact");
 const SURFACE: Image = image!("surface");
+const OUTSIDE: Image = image!("outside");
 const REPORT: Image = image!("report");
 
 /// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
@@ -148,13 +149,19 @@ pub struct Kernels {
     /// Pushes the tissue out of the tools: where sites are vertices, and where they lie inside triangles.
     pub contact_vertices: Kernel,
     pub contact_centres: Kernel,
+    /// Pushes what is loaded, and drives rigid regions.
+    pub push: Kernel,
+    pub drive: Kernel,
+    /// Whether velocities shall be cleared, and clears them.
+    pub judge: Kernel,
+    pub halt: Kernel,
     /// Moves a surface's vertices.
     pub surface_positions: Kernel,
     /// And its normals.
     pub surface_normals: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 5],
+    _modules: [Module; 6],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -170,7 +177,7 @@ impl Kernels {
     fn load_as(version: i32, device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
         let module = |image: Image| Module::load(device, &image.of_version(version));
         let (lattice, near, contact) = (module(LATTICE)?, module(NEAR)?, module(CONTACT)?);
-        let (surface, report) = (module(SURFACE)?, module(REPORT)?);
+        let (outside, surface, report) = (module(OUTSIDE)?, module(SURFACE)?, module(REPORT)?);
         let substep = match (volumetric, damped) {
             (false, false) => c"lattice_plain",
             (true, false) => c"lattice_volume",
@@ -186,10 +193,14 @@ impl Kernels {
             contact_couple: near.function(c"contact_couple")?,
             contact_vertices: contact.overlapping_function(c"contact_vertices")?,
             contact_centres: contact.overlapping_function(c"contact_centres")?,
+            push: outside.function(c"push")?,
+            drive: outside.function(c"drive")?,
+            judge: outside.function(c"judge")?,
+            halt: outside.function(c"halt")?,
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,
-            _modules: [lattice, near, contact, surface, report],
+            _modules: [lattice, near, contact, outside, surface, report],
         })
     }
 }
@@ -241,7 +252,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 5] = [LATTICE, NEAR, CONTACT, SURFACE, REPORT];
+    const IMAGES: [Image; 6] = [LATTICE, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -7,7 +7,7 @@ use std::mem::offset_of;
 
 use cudarc::driver::sys::CUdeviceptr;
 
-use crate::math::Pose;
+use crate::math::{Mat3, Pose, Vec3};
 use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
 use crate::solver;
@@ -127,7 +127,7 @@ pub struct Step {
     pub duration: f32,
     pub push_limit: f32,
     pub may_jump: u32,
-    pub reserved: u32,
+    pub vis_viva: f32,
     pub tools: [ToolStep; MAX_TOOLS],
 }
 
@@ -150,7 +150,7 @@ impl Default for Step {
             duration: 0.0,
             push_limit: 0.0,
             may_jump: 0,
-            reserved: 0,
+            vis_viva: 0.0,
             tools: [ToolStep::default(); MAX_TOOLS],
         }
     }
@@ -226,6 +226,89 @@ pub struct Pass {
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,
+}
+
+/// A node that loads push.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Pushed {
+    pub slot: u32,
+    pub start: u32,
+    pub count: u32,
+    pub acceleration: [f32; 3],
+    pub mobility: [f32; 3],
+}
+
+/// A pressed face.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Pressed {
+    corners: [u32; 4],
+    pub diagonals: [[f32; 3]; 2],
+    pub pressure: f32,
+}
+
+impl Pressed {
+    /// A face between corners that lie `at` rest positions, counter-clockwise seen from outside.
+    pub fn of(corners: [u32; 4], at: [Vec3; 4], pressure: f64) -> Self {
+        let diagonals = [at[2] - at[0], at[3] - at[1]].map(|d| d.map(|x| x as f32).into());
+        Self { corners, diagonals, pressure: pressure as f32 }
+    }
+}
+
+/// All loads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(C)]
+pub struct Push {
+    pub count: u32,
+    pub nodes: CUdeviceptr,
+    pub faces: CUdeviceptr,
+}
+
+/// A node of a region that is driven.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Driven {
+    rest: [f32; 3],
+    slot: u32,
+    region: u32,
+}
+
+impl Driven {
+    /// The node in a slot, and its region's place.
+    pub fn of(slot: u32, rest: Vec3, region: u32) -> Self {
+        Self { rest: rest.map(|x| x as f32).into(), slot, region }
+    }
+}
+
+/// What makes a displacement of a rest position.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Motion {
+    turn: [f32; 9],
+    way: [f32; 3],
+}
+
+impl Motion {
+    /// Of a region at a pose.
+    pub fn of(pose: &Pose) -> Self {
+        // Rounded after the difference: a small turn stays as precise as it is.
+        let turn = pose.rotation.to_rotation_matrix().into_inner() - Mat3::identity();
+        Self {
+            turn: std::array::from_fn(|i| turn[(i / 3, i % 3)] as f32),
+            way: pose.translation.vector.map(|x| x as f32).into(),
+        }
+    }
+}
+
+/// All regions that are driven.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(C)]
+pub struct Drive {
+    pub count: u32,
+    pub regions: u32,
+    pub nodes: CUdeviceptr,
+    pub motions: CUdeviceptr,
 }
 
 /// Places in [`Contact::counts`].

@@ -38,6 +38,14 @@ unsafe impl Plain for super::layout::ToolSum {}
 unsafe impl Plain for super::layout::Carrier {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Load {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Pushed {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Pressed {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Driven {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Motion {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]
@@ -148,6 +156,11 @@ impl<T: Plain> Buffer<T> {
         self.at
     }
 
+    /// How many values there is room for.
+    pub fn room(&self) -> usize {
+        self.count
+    }
+
     /// Bytes on the device.
     pub fn bytes(&self) -> u64 {
         (self.count * size_of::<T>()) as u64
@@ -171,6 +184,9 @@ impl<T: Plain> Buffer<T> {
     /// Writes values from `first` on, and returns when the host's copy is no longer needed.
     pub fn write(&self, first: usize, values: &[T]) -> Result<()> {
         assert!(first + values.len() <= self.count, "a write stays inside its buffer");
+        if values.is_empty() {
+            return Ok(());
+        }
         let device = &self.stream.device;
         {
             let _entered = device.enter()?;
@@ -188,6 +204,34 @@ impl<T: Plain> Buffer<T> {
             self.stream.traffic.add_to_device(size_of_val(values));
         }
         self.stream.wait()
+    }
+
+    /// Writes values from the first on; where there is no room for them, to another place.
+    pub fn replace(&mut self, values: &[T]) -> Result<()> {
+        if values.len() > self.count {
+            *self = Self::zeros(&self.stream, values.len().next_power_of_two())?;
+        }
+        self.write(0, values)
+    }
+
+    /// Copies the first `count` values of a record, in the stream's order.
+    ///
+    /// # Safety
+    /// The record stays as it is until the stream has come to the copy.
+    pub unsafe fn send(&self, from: &Pinned<T>, count: usize) -> Result<()> {
+        assert!(count <= self.count.min(from.count), "a copy stays inside its buffers");
+        let device = &self.stream.device;
+        let _entered = device.enter()?;
+        // SAFETY: inside both as asserted; the record stays, as promised.
+        let status = unsafe {
+            (device.driver.memcpy_to_device)(
+                self.at,
+                from.host.cast_const().cast(),
+                count * size_of::<T>(),
+                self.stream.handle,
+            )
+        };
+        device.driver.check(status, "writing to the GPU")
     }
 
     /// Reads values from `first` on.
@@ -222,11 +266,12 @@ impl<T> Drop for Buffer<T> {
     }
 }
 
-/// A record in the host's memory that stays in place and that the device sees.
+/// A record, or an array of them, in the host's memory that stays in place and that the device sees.
 #[derive(Debug)]
 pub struct Pinned<T> {
     stream: Arc<Stream>,
     host: *mut T,
+    count: usize,
     device_at: CUdeviceptr,
 }
 
@@ -236,18 +281,25 @@ unsafe impl<T: Send> Send for Pinned<T> {}
 impl<T: Copy + Default> Pinned<T> {
     /// A default value.
     pub fn new(stream: &Arc<Stream>) -> Result<Self> {
+        Self::array(stream, 1)
+    }
+
+    /// `count` default values, at least one.
+    pub fn array(stream: &Arc<Stream>, count: usize) -> Result<Self> {
         /// CU_MEMHOSTALLOC_PORTABLE | CU_MEMHOSTALLOC_DEVICEMAP.
         const PORTABLE_AND_MAPPED: u32 = 3;
         let device = &stream.device;
         let mut host: *mut c_void = std::ptr::null_mut();
         let _entered = device.enter()?;
-        // SAFETY: `host` is written, with memory as large as the record.
+        // SAFETY: `host` is written, with memory as large as the records.
         let status =
-            unsafe { (device.driver.mem_host_alloc)(&mut host, size_of::<T>(), PORTABLE_AND_MAPPED) };
+            unsafe { (device.driver.mem_host_alloc)(&mut host, count * size_of::<T>(), PORTABLE_AND_MAPPED) };
         device.driver.check(status, "memory that the GPU sees")?;
-        // SAFETY: memory of that size, suitably aligned: the driver gives whole pages.
-        unsafe { host.cast::<T>().write(T::default()) };
-        let mut pinned = Self { stream: stream.clone(), host: host.cast(), device_at: 0 };
+        for place in 0..count {
+            // SAFETY: memory of that size, suitably aligned: the driver gives whole pages.
+            unsafe { host.cast::<T>().add(place).write(T::default()) };
+        }
+        let mut pinned = Self { stream: stream.clone(), host: host.cast(), count, device_at: 0 };
         // SAFETY: `device_at` is written.
         let status = unsafe { (device.driver.mem_host_get_device_pointer)(&mut pinned.device_at, host, 0) };
         device.driver.check(status, "memory that the GPU sees")?;

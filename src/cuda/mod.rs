@@ -10,6 +10,7 @@ mod graph;
 mod kernels;
 mod layout;
 mod memory;
+mod outside;
 pub mod solver;
 mod surface;
 #[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names

@@ -14,6 +14,7 @@ use super::graph::Graph;
 use super::kernels::Kernels;
 use super::layout::{Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step};
 use super::memory::{Buffer, Pinned, Stream};
+use super::outside::{self, Outside};
 use super::pointer;
 use super::surface::SurfaceOnDevice;
 use crate::cpu::stability;
@@ -44,12 +45,15 @@ pub struct CudaSolver {
     step: Pinned<Step>,
     report: Pinned<Report>,
     contact: ContactSurface,
+    outside: Outside,
     /// Surfaces that were shown.
     surfaces: Vec<Option<SurfaceOnDevice>>,
-    /// Recorded steps by the number of their substeps, the copy of `u` that they start from, and what contact does.
-    graphs: HashMap<(u32, usize, Plan), Graph>,
+    /// Recorded steps by the number of their substeps, the copy of `u` that they start from, what contact does, and what acts besides.
+    graphs: HashMap<(u32, usize, Plan, outside::Plan), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
     speed: f64,
+    /// Sum of m v² then, in J; 0 where velocities have just been cleared.
+    vis_viva: f32,
     /// Where tools were at the end of the last step, model frame, and how long its substeps were.
     origins: Vec<Vec3>,
     last_dt: f64,
@@ -170,9 +174,11 @@ impl CudaSolver {
             step: Pinned::new(&stream)?,
             report: Pinned::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
+            outside: Outside::new(model, &stream)?,
             surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
             speed: 0.0,
+            vis_viva: 0.0,
             origins: Vec::with_capacity(MAX_TOOLS),
             last_dt: 1.0,
             dropped: 0,
@@ -201,21 +207,22 @@ impl CudaSolver {
         self.contact.clear()?;
         self.dropped_before = self.dropped;
         self.speed = 0.0;
+        self.vis_viva = 0.0;
         self.mirror.replace(None);
         self.stream.wait()
     }
 
     /// Asks for one step of `substeps` substeps.
-    fn ask(&mut self, step: Step, substeps: u32, contact: Plan) -> Result<()> {
+    fn ask(&mut self, step: Step, substeps: u32, contact: Plan, outside: outside::Plan) -> Result<()> {
         let start = self.state.current;
         // SAFETY: the last step has been reported, so the device reads the record no more.
         unsafe { self.step.host().write(step) };
-        let key = (substeps, start, contact);
+        let key = (substeps, start, contact, outside);
         if self.graphs.len() == MAX_GRAPHS && !self.graphs.contains_key(&key) {
             self.graphs.clear();
         }
         if !self.graphs.contains_key(&key) {
-            let graph = Graph::record(&self.stream, || self.work(substeps, start, contact))?;
+            let graph = Graph::record(&self.stream, || self.work(substeps, start, contact, outside))?;
             self.graphs.insert(key, graph);
         }
         let _range = trace::range(c"launch");
@@ -227,7 +234,7 @@ impl CudaSolver {
     }
 
     /// The work of one step, in order.
-    fn work(&self, substeps: u32, start: usize, contact: Plan) -> Result<()> {
+    fn work(&self, substeps: u32, start: usize, contact: Plan, outside: outside::Plan) -> Result<()> {
         let (device, stream) = (&self.stream.device, self.stream.handle);
         // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the graph.
         unsafe {
@@ -239,7 +246,7 @@ impl CudaSolver {
             );
             device.driver.check(status, "recording a step")?;
             for substep in 1..=substeps {
-                let mut pass = self.state.pass(start, substep, substep == substeps);
+                let mut pass = self.state.pass(start, substep, outside.settles || substep == substeps);
                 self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
                 let arguments = &mut [pointer(&mut pass)];
                 self.kernels.substep.launch(
@@ -249,9 +256,12 @@ impl CudaSolver {
                     BRICK_SLOTS as u32,
                     arguments,
                 )?;
+                outside.act(&self.kernels, &self.stream, &mut pass)?;
                 if contact.tools > 0 {
                     self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
                 }
+                let State { bricks, step, .. } = &self.state;
+                outside.settle(&self.kernels, &self.stream, &mut pass, *bricks, step.at())?;
             }
             let (mut marks, mut quads) = (self.state.marks.at(), self.state.marks.bytes() as u32 / 16);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
@@ -308,7 +318,12 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         // From rest, one second at constant acceleration leaves a velocity of that size.
         let sequence = self.next_sequence();
-        self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, Plan::default())?;
+        self.ask(
+            Step { dt: 1.0, sequence, ..Step::default() },
+            1,
+            Plan::default(),
+            outside::Plan::default(),
+        )?;
         self.wait_for(sequence)?;
         let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
         self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
@@ -404,24 +419,34 @@ impl Solver for CudaSolver {
     }
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
-        refuse(plan)?;
         self.mirror.replace(None);
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
+        let outside = self.outside.prepare(plan)?;
+        let fall = 0.5 * (plan.gravity.norm() + outside.acceleration) * duration * duration;
+        let way = self.speed * duration + fall + outside.way;
+        let is_at_rest = self.vis_viva == 0.0;
         let mut step = Step {
             dt: plan.dt as f32,
-            keep: (1.0 / (1.0 + plan.drag_per_s * plan.dt)) as f32,
+            keep: if plan.kinetic_damping && is_at_rest {
+                0.5
+            } else {
+                (1.0 / (1.0 + plan.drag_per_s * plan.dt)) as f32
+            },
             gravity: [plan.gravity.x, plan.gravity.y, plan.gravity.z].map(|g| g as f32),
             sequence,
             duration: duration as f32,
+            vis_viva: self.vis_viva,
             ..Step::default()
         };
-        let contact = self.contact.prepare(plan.tools, plan.substeps, self.speed, &mut step)?;
+        let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
         let start = self.state.current;
-        self.ask(step, plan.substeps, contact)?;
+        self.ask(step, plan.substeps, contact, outside.plan)?;
         let report = self.wait_for(sequence)?;
 
-        self.speed = f64::from(report.speed2).sqrt();
+        // Loads push after speeds were seen.
+        self.speed = f64::from(report.speed2).sqrt() + outside.acceleration * plan.dt;
+        self.vis_viva = report.vis_viva as f32;
         self.origins.clear();
         self.origins.extend(plan.tools.iter().map(|tool| tool.path.to.translation.vector));
         self.last_dt = plan.dt;
@@ -483,6 +508,7 @@ impl Solver for CudaSolver {
 
     fn halt(&mut self) {
         self.or_lost(self.state.v.iter().try_for_each(Buffer::clear));
+        self.vis_viva = 0.0;
         self.mirror.replace(None);
     }
 
@@ -513,7 +539,9 @@ impl Solver for CudaSolver {
         (0..slots).map(|slot| Vec3::from_fn(|axis, _| f64::from(a[number(slot, axis)]))).collect()
     }
 
-    fn wake(&mut self) {}
+    fn wake(&mut self) {
+        self.outside.forget_loads();
+    }
 
     fn reset(&mut self) {
         let rested = self.rest();
@@ -535,15 +563,4 @@ impl Drop for CudaSolver {
         let _ = self.stream.wait();
         self.graphs.clear();
     }
-}
-
-/// What this backend does not do yet.
-fn refuse(plan: &StepPlan) -> Result<()> {
-    let what = match () {
-        () if !plan.loads.is_empty() => "loads",
-        () if !plan.regions.is_empty() => "driven regions",
-        () if plan.kinetic_damping => "settling",
-        () => return Ok(()),
-    };
-    Err(Error::Unsupported(format!("{what} on a GPU")))
 }

@@ -15,7 +15,7 @@ use crate::solver::Solver;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Backend {
     /// On the first GPU that can run it, otherwise on the processor; [`Sim::place`](super::Sim::place) says why. This is decided once,
-    /// when the simulation is created: what a GPU refuses later (`docs/gpu.md`) stays refused.
+    /// when the simulation is created.
     Auto,
     /// On the processor, which does all that this library can do.
     #[default]

@@ -21,7 +21,7 @@ pub struct StepPlan<'a> {
     pub dt: f64,
     /// Acceleration of every node in m/s².
     pub gravity: Vec3,
-    /// Background drag α in 1/s.
+    /// Background drag α in 1/s; none with kinetic damping.
     pub drag_per_s: f64,
     /// Tools that may touch the tissue.
     pub tools: &'a [ToolStep],
@@ -53,6 +53,15 @@ pub struct RegionStep {
     pub from: Pose,
     /// The transform at the end.
     pub to: Pose,
+}
+
+impl RegionStep {
+    /// Where the region is after the fraction `t` of the step.
+    pub fn at(&self, t: f64) -> Pose {
+        // The end itself, not an interpolation's rounding of it.
+        let between = (t < 1.0).then(|| self.from.try_lerp_slerp(&self.to, t, 1e-9)).flatten();
+        between.unwrap_or(self.to)
+    }
 }
 
 /// What a tool gave to the tissue during a step.
@@ -150,7 +159,7 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Accelerations of all slots by inner forces alone, m/s², zero along held axes.
     fn accelerations(&mut self) -> Vec<Vec3>;
 
-    /// Wakes everything: gravity, loads or boundaries changed.
+    /// Wakes everything: gravity, loads or boundaries changed. Plans hold other loads than the last one did only after this.
     fn wake(&mut self);
 
     /// Back to rest.

@@ -10,7 +10,7 @@ pub const PLP_BACKEND_CPU: u32 = 0;
 /// A simulation runs on an NVIDIA GPU, in single precision, or is not created.
 pub const PLP_BACKEND_CUDA: u32 = 1;
 /// A simulation runs on the first NVIDIA GPU that can run it, otherwise on the processor; plp_sim_get_place says why.
-/// This is decided once, by plp_sim_create: what a GPU refuses later stays refused.
+/// This is decided once, by plp_sim_create.
 pub const PLP_BACKEND_AUTO: u32 = 2;
 
 /// A GPU as its driver describes it.

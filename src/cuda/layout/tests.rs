@@ -28,7 +28,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ToolStep { from, to, turn_from, turn, friction, radius, spacing, part, part_count }
         ToolSum { impulse, moment, work }
         Step {
-            dt, keep, gravity, sequence, tool_count, margin, duration, push_limit, may_jump, reserved, tools
+            dt, keep, gravity, sequence, tool_count, margin, duration, push_limit, may_jump, vis_viva, tools
         }
         Report {
             diverged_at, speed2, strain, swelling, shrinking, displacement2, vis_viva, contact_points,
@@ -38,6 +38,12 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
             mark
         }
+        Pushed { slot, start, count, acceleration, mobility }
+        Pressed { corners, diagonals, pressure }
+        Push { count, nodes, faces }
+        Driven { rest, slot, region }
+        Motion { turn, way }
+        Drive { count, regions, nodes, motions }
         Carrier { slot, start, count, name }
         Load { site, weight }
         Contact {

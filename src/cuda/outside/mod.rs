@@ -1,0 +1,111 @@
+//! What acts on the tissue besides tools: loads, rigid regions that are driven, and the damping by which it settles.
+
+mod drive;
+mod push;
+
+use std::sync::Arc;
+
+use cudarc::driver::sys::CUdeviceptr;
+
+use super::kernels::Kernels;
+use super::layout::{self, Pass};
+use super::memory::Stream;
+use super::pointer;
+use crate::error::Result;
+use crate::model::Model;
+use crate::model::lattice::BRICK_SLOTS;
+use crate::solver::StepPlan;
+use drive::Drives;
+use push::Pushes;
+
+/// Threads of a block with a thread for each node, and of the one block that judges.
+const THREADS: u32 = 128;
+const JUDGE_THREADS: u32 = 1024;
+
+/// What is done after each substep: equal plans are recorded once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Plan {
+    push: layout::Push,
+    drive: layout::Drive,
+    /// Whether velocities are cleared whenever Σ m v² falls.
+    pub settles: bool,
+}
+
+/// A step with loads and regions.
+#[derive(Debug)]
+pub struct Prepared {
+    pub plan: Plan,
+    /// How much loads alone accelerate any node at most, in m/s².
+    pub acceleration: f64,
+    /// How far regions go at most, in m.
+    pub way: f64,
+}
+
+/// Loads and regions on the device.
+#[derive(Debug)]
+pub struct Outside {
+    pushes: Pushes,
+    drives: Drives,
+}
+
+impl Outside {
+    /// Nothing acts on the model yet.
+    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+        Ok(Self { pushes: Pushes::new(model, stream)?, drives: Drives::new(model, stream)? })
+    }
+
+    /// Brings to the device what a step needs and it does not have. The last step must have been reported.
+    pub fn prepare(&mut self, plan: &StepPlan) -> Result<Prepared> {
+        let (push, acceleration) = self.pushes.prepare(plan.loads)?;
+        let (drive, way) = self.drives.prepare(plan)?;
+        Ok(Prepared { plan: Plan { push, drive, settles: plan.kinetic_damping }, acceleration, way })
+    }
+
+    /// Loads have changed.
+    pub fn forget_loads(&mut self) {
+        self.pushes.forget();
+    }
+}
+
+impl Plan {
+    /// Asks the stream to push and drive nodes after they have moved by themselves.
+    ///
+    /// # Safety
+    /// The stream's context is current. `pass` is that of the substep; it and the lists of the plan outlive the work.
+    pub unsafe fn act(mut self, kernels: &Kernels, stream: &Stream, pass: &mut Pass) -> Result<()> {
+        let launch = [
+            (kernels.push, self.push.count, pointer(&mut self.push)),
+            (kernels.drive, self.drive.count, pointer(&mut self.drive)),
+        ];
+        for (kernel, nodes, list) in launch.into_iter().filter(|(_, nodes, _)| *nodes > 0) {
+            let (blocks, arguments) = (nodes.div_ceil(THREADS), &mut [pointer(pass), list]);
+            // SAFETY: the kernels' arguments, as declared.
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, THREADS, arguments)? };
+        }
+        Ok(())
+    }
+
+    /// Asks the stream to clear velocities at the end of a substep where Σ m v² has fallen.
+    ///
+    /// # Safety
+    /// As [`Self::act`]; the pass marks its `bricks` bricks and `step` is its record.
+    pub unsafe fn settle(
+        self,
+        kernels: &Kernels,
+        stream: &Stream,
+        pass: &mut Pass,
+        mut bricks: u32,
+        mut step: CUdeviceptr,
+    ) -> Result<()> {
+        if !self.settles {
+            return Ok(());
+        }
+        let launch = [(kernels.judge, 1, JUDGE_THREADS), (kernels.halt, bricks, BRICK_SLOTS as u32)];
+        let arguments = &mut [pointer(pass), pointer(&mut bricks), pointer(&mut step)];
+        for (kernel, blocks, threads) in launch {
+            // SAFETY: one takes the arguments as declared, the other the first alone.
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, arguments)? };
+        }
+        Ok(())
+    }
+}

@@ -156,7 +156,7 @@ __device__ Vec velocity_of(const Work& w, uint32_t slot) {
 // The last time's impulse of a point's tool on its site.
 __device__ __forceinline__ Impulse guess_of(const Work& w, const uint2& touch, uint32_t k) {
     const float4 normal = w.points.at(NORMAL, k);
-    if (normal.w <= 0.0f) return {-normal.w, {0, 0, 0}};
+    if (normal.w <= 0.0f) return {fmaxf(-normal.w, 0.0f), {0, 0, 0}};
     Impulse guess{0.0f, {0, 0, 0}};
 #pragma unroll 1
     for (uint32_t was = touch.y & 0xffff, end = was + (touch.y >> 16); touch.x == w.tag - 1 && was < end; ++was) {
@@ -257,7 +257,7 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
         }
         known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
         // The last time's impulse, if there was one of the same tool.
-        now = {known.is_movable() ? 0.0f : -known.target, {0, 0, 0}};
+        now = {fmaxf(-known.target, 0.0f), {0, 0, 0}};
         if (known.is_movable() && touch.x == w.tag - 1 && __float_as_uint(names.x) == __float_as_uint(w.points.at(NAMES, a).x)) {
             now = {fmaxf(impulse.w, 0.0f), vec(impulse) - known.normal * dot(vec(impulse), known.normal)};
         }

@@ -226,7 +226,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES], row = row_length(c);
     for (uint32_t site = blockIdx.x * WARPS + warp; site < sites; site += gridDim.x * WARPS) {
         const float4 rest = c.site_rest[site];
-        if (lane < MAX_ROW) {
+        if (lane < row) {
             const uint32_t at = lane * MAX_SITES + site, slot = c.site_slots[at];
             const float weight = c.site_weights[at];
             const Carrier carrier = weight != 0.0f ? c.carriers[c.carrier_at[slot]] : Carrier{0, 0, 0, NONE};

@@ -206,7 +206,8 @@ fn a_failure_while_a_simulation_is_created_is_told_and_undone() {
     for (case, fault, reason) in [
         ("kernels", "cuModuleLoadData 222 0", "loading the kernels on Fake 0: status 222"),
         ("kernel", "cuModuleGetFunction 500 3", "finding the kernel contact_sites: status 500"),
-        ("shared", "cuFuncSetAttribute 1 0", " bytes of shared memory: status 1"),
+        ("shared", "cuFuncSetAttribute 1 0", "dividing a processor's memory: status 1"),
+        ("attribute", "cuFuncGetAttribute 1 0", "asking about a kernel: status 1"),
         ("capture", "cuStreamEndCapture 901 0", "recording a step: status 901"),
         ("graph", "cuGraphInstantiateWithFlags 801 0", "preparing a step: status 801"),
         ("first", "cuGraphLaunch 719 0", "starting a step: CUDA_ERROR_LAUNCH_FAILED (719)"),

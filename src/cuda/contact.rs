@@ -227,6 +227,7 @@ impl ContactSurface {
         if self.parts_of_step != self.known_parts {
             self.parts.write(0, &self.parts_of_step)?;
             std::mem::swap(&mut self.known_parts, &mut self.parts_of_step);
+            self.lose_track();
         }
         step.tool_count = tools.len() as u32;
         step.push_limit = (PUSH_LIMIT * self.model.lattice().cell_m()) as f32;
@@ -279,7 +280,8 @@ impl ContactSurface {
             vertices: self.vertices,
             triangles: self.triangles,
             division: plan.division,
-            reach: (2.0 * (self.row_reach + edge)) as f32,
+            // A little more, for sites lie where rounding puts them.
+            reach: (2.001 * (self.row_reach + edge)) as f32,
             edge: edge as f32,
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),

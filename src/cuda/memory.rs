@@ -231,7 +231,9 @@ impl<T: Plain> Buffer<T> {
                 self.stream.handle,
             )
         };
-        device.driver.check(status, "writing to the GPU")
+        device.driver.check(status, "writing to the GPU")?;
+        self.stream.traffic.add_to_device(count * size_of::<T>());
+        Ok(())
     }
 
     /// Reads values from `first` on.

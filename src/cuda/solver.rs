@@ -441,8 +441,11 @@ impl Solver for CudaSolver {
         };
         let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
         let start = self.state.current;
-        self.ask(step, plan.substeps, contact, outside.plan)?;
-        let report = self.wait_for(sequence)?;
+        let asked = self.ask(step, plan.substeps, contact, outside.plan);
+        let report = asked.and_then(|()| self.wait_for(sequence)).inspect_err(|_| {
+            // Nobody knows whether sites were listed.
+            self.contact.lose_track();
+        })?;
 
         // Loads push after speeds were seen.
         self.speed = f64::from(report.speed2).sqrt() + outside.acceleration * plan.dt;

@@ -25,7 +25,7 @@ const SAME_SPEED: f64 = 1e-4;
 /// Relative difference of forces: the two backends find the impulses by different iterations.
 const SAME_FORCE: f64 = 1e-4;
 /// And of a tip smaller than a cell: the processor divides each triangle as far as it needs, the GPU all alike.
-const SAME_TIP_FORCE: f64 = 0.15;
+const SAME_TIP_FORCE: f64 = 5e-2;
 /// Edge of a cell in m.
 const CELL_M: f64 = 2e-3;
 

@@ -51,7 +51,7 @@ const PUSH_LIMIT: f64 = 0.25;
 #[derive(Debug)]
 struct List {
     division: u32,
-    /// Where each tool was on its way when the list was made, and how far its points reach.
+    /// Where each tool was on its way when the list was made.
     ways: Vec<[Vec3; 2]>,
     /// How much of the room is left, in m; [`NEVER`] where it is good for nothing.
     spare: f64,

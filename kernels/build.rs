@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 /// Source files that each become two images.
 const IMAGES: [&str; 6] = ["lattice", "near", "contact", "outside", "surface", "report"];
 /// What they include.
-const HEADERS: [&str; 5] = ["block.cuh", "clock.cuh", "contact.cuh", "law.cuh", "layout.cuh"];
+const HEADERS: [&str; 6] = ["block.cuh", "clock.cuh", "contact.cuh", "law.cuh", "layout.cuh", "tool.cuh"];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {
     folder: &'static str,

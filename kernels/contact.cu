@@ -9,6 +9,7 @@
 #include "block.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
+#include "tool.cuh"
 
 namespace contact_kernel {
 
@@ -18,8 +19,8 @@ constexpr int LANES = 8, GROUPS = THREADS / LANES;
 // Couplings that a thread keeps in registers.
 constexpr int HELD = MAX_COUPLED / LANES;
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest.
-constexpr int ITERATIONS = 8;
-constexpr float CONVERGED = 1e-4f;
+constexpr int ITERATIONS = 24;
+constexpr float CONVERGED = 1e-3f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
 // Most points of one site: more tools than that do not meet in one place.
@@ -30,8 +31,6 @@ constexpr int EARLY_TOOLS = THREADS * 4 / sizeof(ToolStep), EARLY_PARTS = THREAD
 // Loads of a carrier that a thread keeps in registers.
 constexpr int HELD_LOADS = 8;
 
-__device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
-__device__ Vec vec(const float4& v) { return {v.x, v.y, v.z}; }
 __device__ float4 with(const Vec& v, float w) { return make_float4(v.x, v.y, v.z, w); }
 
 // Sums over the eight threads of a group.
@@ -41,46 +40,38 @@ __device__ float group_sum(float x) {
 }
 __device__ Vec group_sum(const Vec& v) { return {group_sum(v.x), group_sum(v.y), group_sum(v.z)}; }
 
-// A tool at an instant of the step.
-struct View {
-    double at[3];
-    Quat turn;
-};
-
-__device__ View view_of(const ToolStep& tool, float t) {
-    View view;
-    for (int a = 0; a < 3; ++a) view.at[a] = t >= 1.0f ? tool.to[a] : tool.from[a] + (tool.to[a] - tool.from[a]) * double(t);
-    view.turn = turn_by(vec(tool.turn) * t) * Quat{tool.turn_from[0], tool.turn_from[1], tool.turn_from[2], tool.turn_from[3]};
-    return view;
-}
-
-// A rest position seen from a tool's origin: large numbers subtract in double precision.
-__device__ Vec from_tool(const Vec& rest, const View& view) {
-    return {float(double(rest.x) - view.at[0]), float(double(rest.y) - view.at[1]), float(double(rest.z) - view.at[2])};
-}
-
 // How fast a tool moves at `at`, seen from its origin.
 __device__ Vec velocity_of(const ToolStep& tool, const Vec& at, float duration) {
     const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
     return (linear + cross(vec(tool.turn), at)) * (1.0f / duration);
 }
 
+// A site: where it is at rest, how far from there it is and was before the substep, and what decides which parts of a tool it meets.
+struct Site {
+    Vec rest, moved, came;
+    float edge;
+    int division;
+};
+
 // A site and a tool.
 struct Probe {
     Vec at;
     // How far the site came in this move, seen from the tool.
     float travel;
-    Distance met;
+    Nearest met;
 };
 
-__device__ __forceinline__ Probe probe(const Part* parts, const ToolStep& tool, const View& now, const View& before, const Vec& rest, const Vec& moved,
-                                       const Vec& came) {
-    Probe p{from_tool(rest, now) + moved, 0.0f, {1.0f, {0, 0, 1}}};
+__device__ __forceinline__ Probe probe(const Part* all, const ToolStep& tool, const View& now, const View& before, const Site& site) {
+    constexpr Nearest NOTHING{1.0f, {0, 0, 1}, 0};
+    Probe p{from_tool(site.rest, now) + site.moved, 0.0f, NOTHING};
     const Vec local = rotate(conjugate(now.turn), p.at);
-    const Vec start = rotate(conjugate(before.turn), from_tool(rest, before) + came);
+    const Vec start = rotate(conjugate(before.turn), from_tool(site.rest, before) + site.came);
     p.travel = norm(local - start);
-    const float strides = p.travel / tool.spacing;
-    if (strides > 1.0f || dot(p.at, p.at) < tool.radius * tool.radius) p.met = meet(parts + tool.part, tool.part_count, start, local, strides);
+    const float strides = p.travel / tool.stride;
+    if (strides <= 1.0f && dot(p.at, p.at) >= tool.radius * tool.radius) return p;
+    const Part* const parts = all + tool.part;
+    p.met = meet(parts, tool.part_count, start, local, strides);
+    if (p.met.distance < 0.0f && part_division(parts[p.met.part], site.edge) != site.division) p.met = NOTHING;
     return p;
 }
 
@@ -212,7 +203,7 @@ __device__ void kick(const Work& w, uint32_t slot, const Vec& v, const float4& u
     w.pass.u_next[slot] = make_float4(u.x + change.x * dt, u.y + change.y * dt, u.z + change.z * dt, u.w);
 }
 
-// Vertices, no more of them active than there are groups, each with one point: a group keeps its site in registers, and each of its threads a node.
+// Where all active sites are vertices, no more of them than there are groups, each with one point: a group keeps its site in registers, and each of its threads a node.
 __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
     __shared__ float4 impulses[2][GROUPS];
     const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
@@ -316,16 +307,16 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
 }
 
 // Any number of points: impulses go to the nodes, and from the nodes to the sites.
-template <int ROW>
 __device__ __forceinline__ void resolve_many(const Work& w) {
     __shared__ uint32_t moved;
+    const uint32_t row = w.c.divides ? MAX_ROW : LANES;
     if (threadIdx.x == 0) moved = 0;
     __syncthreads();
     // The carriers, each once; for now with how much unit impulses on all sites move them at most.
 #pragma unroll 1
-    for (uint32_t job = threadIdx.x; job < w.active * ROW; job += THREADS) {
-        const uint32_t a = job / ROW;
-        const Carrier carrier = w.c.site_carriers[job % ROW * MAX_SITES + w.sites.site[a]];
+    for (uint32_t job = threadIdx.x; job < w.active * row; job += THREADS) {
+        const uint32_t a = job / row;
+        const Carrier carrier = w.c.site_carriers[job % row * MAX_SITES + w.sites.site[a]];
         const uint32_t on = carrier.name;
         if (on == ~0u || !is_first(w, carrier, a)) continue;
         w.c.moved[atomicAdd(&moved, 1)] = on;
@@ -346,7 +337,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
         Vec velocity{0, 0, 0}, sum{0, 0, 0};
         float reach = 0.0f;
 #pragma unroll 4
-        for (int i = 0; i < ROW; ++i) {
+        for (uint32_t i = 0; i < row; ++i) {
             const float weight = w.c.site_weights[i * MAX_SITES + site];
             if (weight == 0.0f) continue;
             velocity = velocity + velocity_of(w, w.c.site_slots[i * MAX_SITES + site]) * weight;
@@ -383,7 +374,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             const uint32_t site = w.sites.site[a];
             Vec change{0, 0, 0}, sum{0, 0, 0};
 #pragma unroll 4
-            for (int i = 0; i < ROW; ++i) {
+            for (uint32_t i = 0; i < row; ++i) {
                 const uint32_t on = w.c.site_carriers[i * MAX_SITES + site].name;
                 if (on != ~0u) change = change + vec(w.c.changes[on]) * w.c.site_weights[i * MAX_SITES + site];
             }
@@ -436,8 +427,11 @@ __device__ __forceinline__ void tell_tools(const Work& w, double* given, uint32_
     }
 }
 
-template <int ROW>
-__device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, const Moment& moment) {
+}  // namespace contact_kernel
+using namespace contact_kernel;
+
+extern "C" __global__ void __launch_bounds__(THREADS)
+    contact(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
     __shared__ Active actives;
     __shared__ ToolStep tools[MAX_TOOLS];
     __shared__ Part early_parts[EARLY_PARTS];
@@ -466,17 +460,19 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
     // Find the points inside tools, in the order of sites and tools. What lies behind the last site is read as well: that is
     // quicker than to wait for their number.
     uint32_t count = 0, active = 0;
-    bool is_held = ROW == LANES;
+    bool is_held = true;
 #pragma unroll 1
     for (uint32_t first = 0; first == 0 || first < sites; first += THREADS) {
         const uint32_t site = first + thread, coupled = c.site_coupled[site];
         const float4 rest = c.site_rest[site], own = c.site_own[site];
         const uint2 names = c.site_names[site];
-        constexpr int EARLY = ROW == LANES ? ROW : 1;
-        uint32_t slots[EARLY];
-        float weights[EARLY];
+        const float edge = c.site_edges[site];
+        // A vertex hangs on eight nodes.
+        const uint32_t row = names.x < c.first_triangle ? LANES : MAX_ROW;
+        uint32_t slots[LANES];
+        float weights[LANES];
 #pragma unroll
-        for (int i = 0; i < EARLY; ++i) {
+        for (int i = 0; i < LANES; ++i) {
             slots[i] = c.site_slots[i * MAX_SITES + site];
             weights[i] = c.site_weights[i * MAX_SITES + site];
         }
@@ -491,16 +487,16 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
         const uint32_t diverged_at = *pass.diverged_at;
         Vec moved{0, 0, 0}, came{0, 0, 0};
 #pragma unroll
-        for (int i = 0; i < EARLY; ++i) moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
+        for (int i = 0; i < LANES; ++i) moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
 #pragma unroll 8
-        for (int i = EARLY; i < ROW; ++i) {
+        for (uint32_t i = LANES; i < row; ++i) {
             moved = moved + vec(pass.u_next[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
         }
         const uint2 touch = c.touches[(~tag & 1) * MAX_SITES + site];
         if (first == 0 && moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
         if (follow) {
 #pragma unroll 1
-            for (int i = 0; i < ROW; ++i) came = came + vec(pass.u[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
+            for (uint32_t i = 0; i < row; ++i) came = came + vec(pass.u[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
         } else {
             came = moved;
         }
@@ -525,7 +521,7 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
             for (uint32_t t = 0; t < count_of_tools && site < sites; ++t) {
                 if (round == 1 && (k == end || !(met >> t & 1))) continue;
                 const ToolStep& tool = tools[t];
-                if (t != looked_at) p = probe(parts, tool, now[t], before[t], vec(rest), moved, came);
+                if (t != looked_at) p = probe(parts, tool, now[t], before[t], {vec(rest), moved, came, edge, int(names.y >> 16)});
                 looked_at = t;
                 const float depth = -p.met.distance;
                 if (round == 0) {
@@ -573,7 +569,7 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
             actives.first[a] = k;
             c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(tag, k | (end - k) << 16);
             if (a < GROUPS) touched[a] = touch;
-            is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED;
+            is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED && row == LANES;
         }
     }
     const bool is_small = __syncthreads_and(is_held);
@@ -587,23 +583,10 @@ __device__ __forceinline__ void resolve(const Contact& c, const Pass& pass, cons
     if (count == 0) return;
     __syncthreads();
     const Work work{c, pass, step, tools, actives, is_small ? few : all, old, tag, active, &largest, touched};
-    if (ROW == LANES && is_small) {
+    if (is_small) {
         resolve_few(work, all);
     } else {
-        resolve_many<ROW>(work);
+        resolve_many(work);
     }
     tell_tools(work, is_small ? given : c.given, is_small ? GROUPS : MAX_POINTS, count);
-}
-
-}  // namespace contact_kernel
-using namespace contact_kernel;
-
-// Where sites are vertices, and where they lie inside triangles.
-extern "C" __global__ void __launch_bounds__(THREADS)
-    contact_vertices(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
-    resolve<8>(c, pass, moment);
-}
-extern "C" __global__ void __launch_bounds__(THREADS)
-    contact_centres(const __grid_constant__ Contact c, const __grid_constant__ Pass pass, const __grid_constant__ Moment moment) {
-    resolve<MAX_ROW>(c, pass, moment);
 }

@@ -81,26 +81,51 @@ PLP_LAW Distance shape_distance(const Part& part, Vec p) {
     return {-dz, {0, 0, p.z < 0.0f ? -1.0f : 1.0f}};
 }
 
+// And which part of a tool that is.
+struct Nearest {
+    float distance;
+    Vec normal;
+    int part;
+};
+
 // From a point of the tool's frame to the union of its parts.
-PLP_LAW Distance tool_distance(const Part* parts, int count, Vec p) {
-    Distance nearest{INFINITY, {0, 0, 1}};
+PLP_LAW Nearest tool_distance(const Part* parts, int count, Vec p) {
+    Nearest nearest{INFINITY, {0, 0, 1}, 0};
     for (int i = 0; i < count; ++i) {
         const Part& part = parts[i];
         Distance d = shape_distance(part, rotate(conjugate(part.turn), p - part.at));
-        if (d.distance < nearest.distance) nearest = {d.distance, rotate(part.turn, d.normal)};
+        if (d.distance < nearest.distance) nearest = {d.distance, rotate(part.turn, d.normal), i};
     }
     return nearest;
 }
 
-// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that it
-// meets first (negative), and that plane's normal. At the end alone, a point that went past the middle of a thin tool would be
+// Into how many parts the edges of a triangle with this longest edge at rest are divided so that contact points resolve a part: none is longer than a
+// third of its size.
+PLP_LAW int part_division(const Part& part, float edge) {
+    const float size = part.shape == BOX ? fminf(part.size[0], fminf(part.size[1], part.size[2])) : part.size[0];
+    return int(clamp(ceilf(3.0f * edge / size), 1.0f, 32.0f));
+}
+
+// All such divisions for the parts within `reach` of a point, tool frame: bit n - 1 stands for n.
+PLP_LAW unsigned tool_divisions(const Part* parts, int count, Vec p, float reach, float edge) {
+    unsigned all = 0;
+    for (int i = 0; i < count; ++i) {
+        const Part& part = parts[i];
+        const bool is_there = shape_distance(part, rotate(conjugate(part.turn), p - part.at)).distance < reach;
+        if (is_there) all |= 1u << (part_division(part, edge) - 1);
+    }
+    return all;
+}
+
+// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane of the part that
+// it meets first (negative), and that plane's normal. At the end alone, a point that went past the middle of a thin tool would be
 // pushed out on the wrong side, and one that went through would be missed; one that came no further than a stride can do neither.
-PLP_LAW Distance meet(const Part* parts, int count, Vec start, Vec end, float strides) {
+PLP_LAW Nearest meet(const Part* parts, int count, Vec start, Vec end, float strides) {
     const float steps = clamp(ceilf(strides), 1.0f, 64.0f);
     for (float step = strides > 1.0f ? 0.0f : steps; step <= steps; step += 1.0f) {
         const Vec at = step < steps ? start + (end - start) * (step / steps) : end;
-        const Distance d = tool_distance(parts, count, at);
-        if (d.distance < 0.0f) return {d.distance + dot(d.normal, end - at), d.normal};
+        const Nearest met = tool_distance(parts, count, at);
+        if (met.distance < 0.0f) return {met.distance + dot(met.normal, end - at), met.normal, met.part};
     }
-    return {INFINITY, {0, 0, 1}};
+    return {INFINITY, {0, 0, 1}, 0};
 }

@@ -28,8 +28,9 @@ struct ToolStep {
     float turn_from[4];
     float turn[3];
     float friction;
-    // Radius of a ball around the origin that holds the tool, and the distance that contact points resolve.
-    float radius, spacing;
+    // Radius of a ball around the origin that holds the tool, how far a point may come before its way matters, and how far any of the tool's
+    // own points goes.
+    float radius, stride, reach;
     // Its parts among all.
     uint32_t part, part_count;
 };
@@ -47,7 +48,7 @@ struct Step {
     float gravity[3];
     uint32_t sequence;
     uint32_t tool_count;
-    // How much further than a tool's own way the tissue may come to meet it in this step.
+    // How far from where a tool may be in this step the sites lie that are listed.
     float margin;
     // The step, in s.
     float duration;
@@ -161,7 +162,7 @@ struct Drive {
     const Motion* motions;  // [substeps][regions]: at the end of each substep
 };
 
-// Places in Contact::counts: near elements; listed sites, the nodes that carry them, and their loads; what found no room; points and the time they
+// Places in Contact::counts: near elements, vertices and divided triangles; listed sites, the nodes that carry them, and their loads; what found no room; points and the time they
 // belong to; and how many of them push.
 enum Count { NEAR, SITES, CARRIERS, LOADS, DROPPED, POINTS, TAG, PUSHED, COUNTS };
 
@@ -171,7 +172,7 @@ enum PointField {
     NORMAL,
     // From the tool's origin, model axes; and the depth.
     AT,
-    // Whole numbers: tool, vertex, what names its site.
+    // Whole numbers: tool, and what names its site.
     NAMES,
     // Impulse on the tissue in N s, across the normal and along it.
     IMPULSE,
@@ -197,27 +198,34 @@ struct Load {
     float weight;
 };
 
-// Contact of one surface. Sites are its vertices or, where `division` is above 1, the centres of the small triangles into which each
-// triangle's edges so divided cut it.
+// Contact of one surface. Sites are its vertices and the centres of small triangles, into which triangles are divided that are too long for a part of a
+// tool: each part meets the sites that fit it. Elements are the vertices and, from a multiple of 32 on, the triangles.
 struct Contact {
-    uint32_t vertices, triangles, division;
+    uint32_t vertices, triangles, first_triangle;
+    // Whether triangles may be divided.
+    uint32_t divides;
     // Sites further apart than this share no node.
     float reach;
-    // Longest edge of a triangle where sites lie inside triangles, else 0.
-    float edge;
     const float* rest;          // [3 * vertices]
     const uint4* row_nodes;     // [2 * vertices]: slots
     const float4* row_weights;  // [2 * vertices]
     const uint32_t* corners;    // [3 * triangles]
     const Part* parts;
-    // Near elements, vertices or triangles: a bit each, and their list.
+    // Longest edge of each triangle, and the least of those around a vertex.
+    const float* triangle_edges;
+    const float* vertex_edges;
+    // Near elements: a bit each, which are zeros but while they are listed, their list, and each one's first site.
     uint32_t* near_bits;
     uint32_t* near;
+    uint32_t* near_starts;
+    // How the near triangles are divided: bit n - 1 stands for n parts of an edge.
+    uint32_t* divisions;
     uint32_t* counts;
     // Sites: rest position, and the largest share of a node's mobility; mobility along the axes, and as if nothing were held.
     float4* site_rest;
     float4* site_own;
-    uint2* site_names;  // vertex, and what names it
+    float* site_edges;  // those by which it depends on a tool's part whether it meets them
+    uint2* site_names;  // element; and into how many parts its edges are divided << 16 | which of the small triangles
     uint32_t* site_slots;     // [MAX_ROW][MAX_SITES]
     float* site_weights;      // [MAX_ROW][MAX_SITES]
     Carrier* site_carriers;   // [MAX_ROW][MAX_SITES]

@@ -4,6 +4,7 @@
 #include "clock.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
+#include "tool.cuh"
 
 namespace near_kernel {
 
@@ -25,26 +26,61 @@ __device__ NodeRow row_of(const Contact& c, uint32_t vertex) {
 
 __device__ Vec rest_of(const Contact& c, uint32_t vertex) { return {c.rest[3 * vertex], c.rest[3 * vertex + 1], c.rest[3 * vertex + 2]}; }
 
-// Whether a vertex is so close to the way of a tool that a site on it, or on a triangle around it, may be met.
-__device__ bool is_near(const Contact& c, const Pass& pass, uint32_t vertex) {
-    const Step& step = *pass.step;
+// A point of the surface: where it is at rest, and how far from there.
+struct Spot {
+    Vec rest, moved;
+};
+
+__device__ Spot spot_of(const Contact& c, const Pass& pass, uint32_t vertex) {
     const NodeRow row = row_of(c, vertex);
     Vec moved{0, 0, 0};
-    for (int i = 0; i < 8; ++i) {
-        const float4 d = pass.u[row.node[i]];
-        moved = moved + Vec{d.x, d.y, d.z} * row.weight[i];
-    }
-    const Vec rest = rest_of(c, vertex);
-    bool near = false;
+    for (int i = 0; i < 8; ++i) moved = moved + vec(pass.u[row.node[i]]) * row.weight[i];
+    return {rest_of(c, vertex), moved};
+}
+
+// For all parts of tools that may come within `reach` of a spot before sites are listed anew, how they divide a triangle with this longest edge.
+// `views` has the tools at the end of the step.
+__device__ uint32_t divisions_at(const Contact& c, const Step& step, const View* views, const Spot& spot, float reach, float edge) {
+    uint32_t all = 0;
     for (uint32_t t = 0; t < step.tool_count; ++t) {
         const ToolStep& tool = step.tools[t];
-        // From the nearest point of the way; large numbers subtract in double precision.
-        const Vec way{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
-        const Vec at = Vec{float(double(rest.x) - tool.from[0]), float(double(rest.y) - tool.from[1]), float(double(rest.z) - tool.from[2])} + moved;
-        const float along = dot(way, way) > 0.0f ? clamp(dot(at, way) / dot(way, way), 0.0f, 1.0f) : 0.0f;
-        near = near || norm(at - way * along) < tool.radius + step.margin + c.edge;
+        const float most = reach + tool.reach + step.margin;
+        const Vec at = from_tool(spot.rest, views[t]) + spot.moved;
+        if (dot(at, at) >= (tool.radius + most) * (tool.radius + most)) continue;
+        all |= tool_divisions(c.parts + tool.part, tool.part_count, rotate(conjugate(views[t].turn), at), most, edge);
     }
-    return near;
+    return all;
+}
+
+// Whether tools may meet a vertex.
+__device__ bool is_near(const Contact& c, const Step& step, const View* views, const Spot& spot, uint32_t vertex) {
+    return divisions_at(c, step, views, spot, 0.0f, c.vertex_edges[vertex]) & 1;
+}
+
+// Marks a triangle's corners where tools may meet them. Says whether they may meet it divided, and how.
+__device__ bool is_near_and_divided(const Contact& c, const Pass& pass, const View* views, uint32_t triangle) {
+    Spot middle{{0, 0, 0}, {0, 0, 0}}, spots[3];
+    for (int i = 0; i < 3; ++i) {
+        spots[i] = spot_of(c, pass, c.corners[3 * triangle + i]);
+        middle = {middle.rest + spots[i].rest * (1.0f / 3.0f), middle.moved + spots[i].moved * (1.0f / 3.0f)};
+    }
+    float reach = 0.0f;
+    for (int i = 0; i < 3; ++i) reach = fmaxf(reach, norm((spots[i].rest - middle.rest) + (spots[i].moved - middle.moved)));
+    const uint32_t divisions = divisions_at(c, *pass.step, views, middle, reach, c.triangle_edges[triangle]);
+    for (int i = 0; i < 3 && divisions & 1; ++i) {
+        const uint32_t vertex = c.corners[3 * triangle + i];
+        if (is_near(c, *pass.step, views, spots[i], vertex)) atomicOr(&c.near_bits[vertex / 32], 1u << vertex % 32);
+    }
+    c.divisions[triangle] = divisions & ~1u;
+    return divisions & ~1u;
+}
+
+// How many sites lie on an element.
+__device__ uint32_t sites_on(const Contact& c, uint32_t element) {
+    if (element < c.first_triangle) return 1;
+    uint32_t sites = 0;
+    for (uint32_t all = c.divisions[element - c.first_triangle]; all; all &= all - 1) sites += __ffs(all) * __ffs(all);
+    return sites;
 }
 
 // Shares of a triangle's corners in the centre of a small triangle, of `division` squared. They lie in rows from the first corner on, of which
@@ -68,7 +104,7 @@ __device__ float4 mobility_of(const Pass& pass, uint32_t slot) {
 }
 
 // How many nodes carry a site at most.
-__device__ uint32_t row_length(const Contact& c) { return c.division > 1 ? MAX_ROW : 8; }
+__device__ uint32_t row_length(const Contact& c) { return c.divides ? MAX_ROW : 8; }
 
 // Whether two sites may share a node.
 __device__ bool is_close(const Contact& c, const float4& a, const float4& b) {
@@ -79,42 +115,55 @@ __device__ bool is_close(const Contact& c, const float4& a, const float4& b) {
 }  // namespace near_kernel
 using namespace near_kernel;
 
-// Marks the elements that a tool may meet, and forgets the last list's carriers.
+// Marks the elements that tools may meet, and forgets the last list's carriers.
 extern "C" __global__ void __launch_bounds__(THREADS) contact_near(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
+    __shared__ View views[MAX_TOOLS];
     note_start(pass);
-    const uint32_t elements = c.division > 1 ? c.triangles : c.vertices;
-    const uint32_t element = blockIdx.x * THREADS + threadIdx.x;
-    for (uint32_t i = element; i < c.counts[CARRIERS]; i += gridDim.x * THREADS) c.carrier_at[c.carriers[i].slot] = NONE;
+    const Step& step = *pass.step;
+    const uint32_t i = blockIdx.x * THREADS + threadIdx.x;
+    for (uint32_t k = i; k < c.counts[CARRIERS]; k += gridDim.x * THREADS) c.carrier_at[c.carriers[k].slot] = NONE;
+    if (threadIdx.x < step.tool_count) views[threadIdx.x] = view_of(step.tools[threadIdx.x], 1.0f);
+    __syncthreads();
     bool near = false;
-    if (element < elements) {
-        if (c.division > 1) {
-            for (int i = 0; i < 3; ++i) near = near || is_near(c, pass, c.corners[3 * element + i]);
-        } else {
-            near = is_near(c, pass, element);
-        }
+    if (c.divides) {
+        near = i < c.triangles && is_near_and_divided(c, pass, views, i);
+    } else {
+        near = i < c.vertices && is_near(c, step, views, spot_of(c, pass, i), i);
     }
-    const uint32_t bits = __ballot_sync(~0u, near);
-    if ((threadIdx.x & 31) == 0 && element < elements) c.near_bits[element / 32] = bits;
+    const uint32_t bits = __ballot_sync(~0u, near), first = c.divides ? c.first_triangle : 0;
+    if (bits && (threadIdx.x & 31) == 0) c.near_bits[(first + i) / 32] = bits;
 }
 
-// Lists the marked elements in their order.
+// Lists the marked elements in their order, and counts their sites.
 extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c) {
-    const uint32_t elements = c.division > 1 ? c.triangles : c.vertices, words = (elements + 31) / 32;
-    uint32_t count = 0;
+    const uint32_t words = (c.divides ? c.first_triangle + c.triangles + 31 : c.vertices + 31) / 32;
+    uint32_t count = 0, sites = 0, total;
     for (uint32_t first = 0; first < words; first += LIST_THREADS) {
         const uint32_t word = first + threadIdx.x;
-        uint32_t bits = word < words ? c.near_bits[word] : 0, total;
+        uint32_t bits = word < words ? c.near_bits[word] : 0;
+        if (bits) c.near_bits[word] = 0;
         uint32_t at = count + scan<LIST_THREADS / 32>(__popc(bits), total);
         for (; bits; bits &= bits - 1, ++at) {
             if (at < MAX_SITES) c.near[at] = word * 32 + __ffs(bits) - 1;
         }
         count += total;
     }
+    const uint32_t near = min(count, MAX_SITES);
+    if (c.divides) {
+        for (uint32_t first = 0; first < near; first += LIST_THREADS) {
+            // All that was listed can be read after the first scan's barriers.
+            __syncthreads();
+            const uint32_t at = first + threadIdx.x, start = sites + scan<LIST_THREADS / 32>(at < near ? sites_on(c, c.near[at]) : 0, total);
+            if (at < near) c.near_starts[at] = start;
+            sites += total;
+        }
+    } else {
+        sites = near;
+    }
     if (threadIdx.x == 0) {
-        const uint32_t of_each = c.division * c.division, most = MAX_SITES / of_each;
-        if (count > most) c.counts[DROPPED] += (count - most) * of_each;
-        c.counts[NEAR] = min(count, most);
-        c.counts[SITES] = min(count, most) * of_each;
+        c.counts[DROPPED] += count - near + sites - min(sites, MAX_SITES);
+        c.counts[NEAR] = near;
+        c.counts[SITES] = min(sites, MAX_SITES);
         c.counts[CARRIERS] = c.counts[LOADS] = 0;
     }
 }
@@ -123,7 +172,17 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
 extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t site = blockIdx.x * THREADS + threadIdx.x;
     if (site >= c.counts[SITES]) return;
-    const uint32_t of_each = c.division * c.division, element = c.near[site / of_each], small = site % of_each, name = element * of_each + small;
+    // The last element that begins no later.
+    uint32_t at = site;
+    if (c.divides) {
+        at = 0;
+        for (uint32_t end = c.counts[NEAR]; end - at > 1;) {
+            const uint32_t middle = (at + end) / 2;
+            (c.near_starts[middle] <= site ? at : end) = middle;
+        }
+    }
+    const uint32_t element = c.near[at];
+    uint32_t small = 0, division = 1;
     float most = 0.0f;
     // Who is first to put weight on a node makes a carrier of it.
     const auto put = [&](uint32_t place, uint32_t slot, float weight) {
@@ -138,18 +197,25 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         c.carriers[carrier] = {slot, 0, 0, site};
         c.mobility[carrier] = mobility;
     };
-    uint32_t vertex = element;
     Vec rest;
-    if (c.division == 1) {
-        rest = rest_of(c, vertex);
-        const NodeRow row = row_of(c, vertex);
+    if (element < c.first_triangle) {
+        rest = rest_of(c, element);
+        c.site_edges[site] = c.vertex_edges[element];
+        const NodeRow row = row_of(c, element);
 #pragma unroll
         for (int i = 0; i < 8; ++i) put(i, row.node[i], row.weight[i]);
+#pragma unroll 1
+        for (uint32_t i = 8; i < row_length(c); ++i) put(i, 0, 0.0f);
     } else {
-        const uint32_t* corners = c.corners + 3 * element;
-        const Vec share = centre(small, c.division);
+        const uint32_t triangle = element - c.first_triangle, *corners = c.corners + 3 * triangle;
+        c.site_edges[site] = c.triangle_edges[triangle];
+        small = site - c.near_starts[at];
+        for (uint32_t all = c.divisions[triangle];; all &= all - 1, small -= division * division) {
+            division = __ffs(all);
+            if (small < division * division) break;
+        }
+        const Vec share = centre(small, division);
         const float shares[3] = {share.x, share.y, share.z};
-        vertex = corners[0];
         rest = rest_of(c, corners[0]) * share.x + rest_of(c, corners[1]) * share.y + rest_of(c, corners[2]) * share.z;
         // Nodes that corners have in common come once.
         uint32_t slots[MAX_ROW], count = 0;
@@ -169,14 +235,15 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         for (uint32_t i = 0; i < MAX_ROW; ++i) put(i, i < count ? slots[i] : 0, i < count ? weights[i] : 0.0f);
     }
     c.site_rest[site] = make_float4(rest.x, rest.y, rest.z, most);
-    c.site_names[site] = make_uint2(vertex, name);
+    const uint2 name{element, small | division << 16};
+    c.site_names[site] = name;
     // Points of the last time keep their names; they lie in the order of their sites.
     const uint32_t tag = c.counts[TAG], count_of_points = c.counts[POINTS];
     const float4* const names = c.points + ((tag & 1) * POINT_FIELDS + NAMES) * MAX_POINTS;
     uint32_t first = 0, points = 0;
 #pragma unroll 8
     for (uint32_t k = 0; k < count_of_points; ++k) {
-        if (__float_as_uint(names[k].z) != name) continue;
+        if (__float_as_uint(names[k].y) != name.x || __float_as_uint(names[k].z) != name.y) continue;
         if (points++ == 0) first = k;
     }
     c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(points ? tag : tag - 2, first | points << 16);

@@ -13,12 +13,12 @@ use super::layout::{
 use super::memory::{Buffer, Stream};
 use super::pointer;
 use crate::error::Result;
-use crate::math::Vec3;
+use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::surface::ROW;
 use crate::sim::MAX_TOOLS;
 use crate::solver::ToolStep;
-use crate::solver::tool::{Contact, MAX_PARTS};
+use crate::solver::tool::{Contact, MAX_PARTS, ToolPath};
 
 /// Threads of a block of the kernels that list, of the one block of `contact_list`, and of the one that resolves.
 const NEAR_THREADS: u32 = 256;
@@ -36,8 +36,6 @@ const NONE: u32 = u32::MAX;
 const ROOM: f64 = 1.0;
 /// How far tissue may come within one step before sites are listed again, in cells.
 const LONGEST_WAY: f64 = 2.0;
-/// Finest division of a triangle's edge.
-const MAX_DIVISION: f64 = 32.0;
 /// Less room than any step needs.
 const NEVER: f64 = f64::NEG_INFINITY;
 /// Most moves of a tool in a substep.
@@ -50,42 +48,50 @@ const PUSH_LIMIT: f64 = 0.25;
 /// What the device's list of sites is good for.
 #[derive(Debug)]
 struct List {
-    division: u32,
-    /// Where each tool was on its way when the list was made.
-    ways: Vec<[Vec3; 2]>,
+    divides: bool,
+    zones: Vec<Zone>,
     /// How much of the room is left, in m; [`NEVER`] where it is good for nothing.
     spare: f64,
 }
 
-impl List {
-    /// Whether the list holds all that tools can meet on ways on which tissue may come `way` to meet them.
-    fn serves(&self, tools: &[ToolStep], division: u32, way: f64) -> bool {
-        // A comparison with NaN is false.
-        self.division == division
-            && self.ways.len() == tools.len()
-            && self.ways.iter().zip(tools).all(|(listed, tool)| {
-                ends(tool).into_iter().all(|end| distance(end, *listed) + way <= self.spare)
-            })
+/// Around a tool.
+#[derive(Debug)]
+struct Zone {
+    /// Where the tool was at the end of the step for which the list was made.
+    pose: Pose,
+    /// How far any of its points went in that step.
+    reach: f64,
+}
+
+impl Zone {
+    fn of(tool: &ToolStep) -> Self {
+        Self { pose: tool.path.to, reach: tool.path.reach(tool.desc.bounding_radius_m()) }
+    }
+
+    /// How far any point of the tool gets from where it was, less how far it went then.
+    fn leave(&self, tool: &ToolStep) -> f64 {
+        let away = [tool.path.from, tool.path.to]
+            .map(|pose| ToolPath { from: self.pose, to: pose }.reach(tool.desc.bounding_radius_m()));
+        away[0].max(away[1]) - self.reach
     }
 }
 
-/// Where a tool's origin starts and ends in a step.
-fn ends(tool: &ToolStep) -> [Vec3; 2] {
-    [tool.path.from, tool.path.to].map(|pose| pose.translation.vector)
-}
-
-/// Of a point from a segment.
-fn distance(point: Vec3, [from, to]: [Vec3; 2]) -> f64 {
-    let (way, at) = (to - from, point - from);
-    let along = if way.norm_squared() > 0.0 { at.dot(&way) / way.norm_squared() } else { 0.0 };
-    (at - way * along.clamp(0.0, 1.0)).norm()
+impl List {
+    /// Whether the list holds all that tools can meet on ways on which tissue may come `way` to meet them.
+    fn serves(&self, tools: &[ToolStep], divides: bool, way: f64) -> bool {
+        // A comparison with NaN is false.
+        self.divides == divides
+            && self.zones.len() == tools.len()
+            && self.zones.iter().zip(tools).all(|(zone, tool)| zone.leave(tool) + way <= self.spare)
+    }
 }
 
 /// The contact surface of a model on the device.
 #[derive(Debug)]
 pub struct ContactSurface {
     model: Arc<Model>,
-    longest_edge: f64,
+    /// The longest of all edges at rest, in m.
+    longest_edge: f32,
     /// Largest Σ |w| of a vertex: how much further than a node it may move.
     lever: f64,
     /// Furthest node of a vertex's row, in m.
@@ -98,11 +104,16 @@ pub struct ContactSurface {
     row_weights: Buffer<[f32; ROW]>,
     corners: Buffer<[u32; 3]>,
     parts: Buffer<Part>,
+    triangle_edges: Buffer<f32>,
+    vertex_edges: Buffer<f32>,
     near_bits: Buffer<u32>,
     near: Buffer<u32>,
+    near_starts: Buffer<u32>,
+    divisions: Buffer<u32>,
     counts: Buffer<u32>,
     site_rest: Buffer<[f32; 4]>,
     site_own: Buffer<[f32; 4]>,
+    site_edges: Buffer<f32>,
     site_names: Buffer<[u32; 2]>,
     site_slots: Buffer<u32>,
     site_weights: Buffer<f32>,
@@ -133,8 +144,8 @@ pub struct Plan {
     pub tools: u32,
     /// How many moves each makes in a substep.
     pub moves: u32,
-    /// Into how many parts a triangle's edge is divided.
-    pub division: u32,
+    /// Whether triangles are divided that are long.
+    pub divides: bool,
     /// How often sites are listed; 0 where the last list is still good.
     pub lists: u32,
 }
@@ -147,12 +158,7 @@ impl ContactSurface {
         let rest: Vec<[f32; 3]> =
             surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect();
 
-        let longest_edge = surface
-            .triangles
-            .iter()
-            .flat_map(|t| (0..3).map(move |i| (t[i], t[(i + 1) % 3])))
-            .map(|(a, b)| (surface.positions[a as usize] - surface.positions[b as usize]).norm())
-            .fold(0.0, f64::max);
+        let edges = surface.edges();
         let lever = surface
             .rows
             .iter()
@@ -166,15 +172,15 @@ impl ContactSurface {
             .filter(|&(_, weight, _)| weight != 0.0)
             .map(|(node, _, p)| (lattice.rest_position(node) - p).norm())
             .fold(0.0, f64::max);
-        let most_elements = vertices.max(surface.triangles.len());
+        let words = vertices.div_ceil(32) + surface.triangles.len().div_ceil(32);
         let rows = MAX_ROW * MAX_SITES;
         let carrier_at = Buffer::zeros(stream, lattice.slot_count())?;
         carrier_at.fill(NONE)?;
         Ok(Self {
-            longest_edge,
+            longest_edge: edges.of_triangles.iter().copied().fold(0.0, f32::max),
             lever,
             row_reach,
-            list: List { division: 0, ways: Vec::with_capacity(MAX_TOOLS), spare: NEVER },
+            list: List { divides: false, zones: Vec::with_capacity(MAX_TOOLS), spare: NEVER },
             vertices: vertices as u32,
             triangles: surface.triangles.len() as u32,
             rest: Buffer::of(stream, &rest)?,
@@ -182,11 +188,16 @@ impl ContactSurface {
             row_weights: Buffer::of(stream, &surface.rows.iter().map(|row| row.weights).collect::<Vec<_>>())?,
             corners: Buffer::of(stream, &surface.triangles)?,
             parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
-            near_bits: Buffer::zeros(stream, most_elements.div_ceil(32))?,
+            triangle_edges: Buffer::of(stream, &edges.of_triangles)?,
+            vertex_edges: Buffer::of(stream, &edges.of_vertices)?,
+            near_bits: Buffer::zeros(stream, words)?,
             near: Buffer::zeros(stream, MAX_SITES)?,
+            near_starts: Buffer::zeros(stream, MAX_SITES)?,
+            divisions: Buffer::zeros(stream, surface.triangles.len())?,
             counts: Buffer::of(stream, &FRESH_COUNTS)?,
             site_rest: Buffer::zeros(stream, MAX_SITES)?,
             site_own: Buffer::zeros(stream, MAX_SITES)?,
+            site_edges: Buffer::zeros(stream, MAX_SITES)?,
             site_names: Buffer::zeros(stream, MAX_SITES)?,
             site_slots: Buffer::zeros(stream, rows)?,
             site_weights: Buffer::zeros(stream, rows)?,
@@ -210,10 +221,9 @@ impl ContactSurface {
         })
     }
 
-    /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know. `step`
-    /// says already how long its substeps are.
+    /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know.
     pub fn prepare(&mut self, tools: &[ToolStep], substeps: u32, way: f64, step: &mut Step) -> Result<Plan> {
-        let (mut moves, mut division, mut reach) = (1.0_f64, 1.0_f64, 0.0_f64);
+        let (mut moves, mut divides, mut reach) = (1.0_f64, false, 0.0_f64);
         self.parts_of_step.clear();
         for (tool, record) in tools.iter().zip(&mut step.tools) {
             let feature = tool.desc.feature_m();
@@ -221,7 +231,7 @@ impl ContactSurface {
             self.parts_of_step.extend(tool.desc.parts.iter().map(|(pose, shape)| Part::of(pose, shape)));
             let own = tool.path.reach(tool.desc.bounding_radius_m());
             moves = moves.max((own / f64::from(substeps) / (0.5 * feature)).ceil());
-            division = division.max((self.longest_edge / (0.5 * feature)).ceil());
+            divides |= tool.desc.parts.iter().any(|(_, shape)| shape.division(self.longest_edge) > 1);
             reach = reach.max(own);
         }
         if self.parts_of_step != self.known_parts {
@@ -234,18 +244,17 @@ impl ContactSurface {
         let jump = way / f64::from(substeps);
         step.may_jump = tools.iter().any(|tool| jump > JUMP * tool.desc.feature_m()).into();
 
-        let division = division.min(MAX_DIVISION) as u32;
         // Tissue that a tool pushes moves no faster than the tool.
         let way = self.lever * (way + reach);
-        let lists = self.keep_up(tools, division, substeps, way, step);
-        Ok(Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, division, lists })
+        let lists = self.keep_up(tools, divides, substeps, way, step);
+        Ok(Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, divides, lists })
     }
 
     /// How often sites are to be listed in a step in which tissue may come `way` to meet tools.
     fn keep_up(
         &mut self,
         tools: &[ToolStep],
-        division: u32,
+        divides: bool,
         substeps: u32,
         way: f64,
         step: &mut Step,
@@ -254,16 +263,16 @@ impl ContactSurface {
             self.list.spare = NEVER;
             return 0;
         }
-        if self.list.serves(tools, division, way) {
+        if self.list.serves(tools, divides, way) {
             self.list.spare -= way;
             return 0;
         }
         let cell = self.model.lattice().cell_m();
         let lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
         step.margin = (way / f64::from(lists) + ROOM * cell) as f32;
-        self.list.division = division;
-        self.list.ways.clear();
-        self.list.ways.extend(tools.iter().map(ends));
+        self.list.divides = divides;
+        self.list.zones.clear();
+        self.list.zones.extend(tools.iter().map(Zone::of));
         // One that is made within a step is that of its last part.
         self.list.spare = if lists == 1 { ROOM * cell } else { NEVER };
         lists
@@ -275,24 +284,29 @@ impl ContactSurface {
     }
 
     fn contact(&self, plan: Plan) -> layout::Contact {
-        let edge = if plan.division > 1 { self.longest_edge } else { 0.0 };
+        let edge = if plan.divides { f64::from(self.longest_edge) } else { 0.0 };
         layout::Contact {
             vertices: self.vertices,
             triangles: self.triangles,
-            division: plan.division,
+            first_triangle: self.first_triangle(),
+            divides: plan.divides.into(),
             // A little more, for sites lie where rounding puts them.
             reach: (2.001 * (self.row_reach + edge)) as f32,
-            edge: edge as f32,
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
             corners: self.corners.at(),
             parts: self.parts.at(),
+            triangle_edges: self.triangle_edges.at(),
+            vertex_edges: self.vertex_edges.at(),
             near_bits: self.near_bits.at(),
             near: self.near.at(),
+            near_starts: self.near_starts.at(),
+            divisions: self.divisions.at(),
             counts: self.counts.at(),
             site_rest: self.site_rest.at(),
             site_own: self.site_own.at(),
+            site_edges: self.site_edges.at(),
             site_names: self.site_names.at(),
             site_slots: self.site_slots.at(),
             site_weights: self.site_weights.at(),
@@ -331,7 +345,7 @@ impl ContactSurface {
             return Ok(());
         }
         let mut contact = self.contact(plan);
-        let elements = if plan.division > 1 { self.triangles } else { self.vertices };
+        let elements = if plan.divides { self.triangles } else { self.vertices };
         let launch = [
             (kernels.contact_near, elements.div_ceil(NEAR_THREADS).max(1), NEAR_THREADS),
             (kernels.contact_list, 1, LIST_THREADS),
@@ -365,7 +379,6 @@ impl ContactSurface {
         let begin = pass.substep - 1;
         let fraction =
             |step: u32| (f64::from(begin) + f64::from(step) / f64::from(plan.moves)) / f64::from(substeps);
-        let kernel = if plan.division > 1 { kernels.contact_centres } else { kernels.contact_vertices };
         for step in 1..=plan.moves {
             let mut moment = Moment {
                 from: fraction(step - 1) as f32,
@@ -377,10 +390,15 @@ impl ContactSurface {
             let arguments = &mut [pointer(&mut contact), pointer(pass), pointer(&mut moment)];
             // SAFETY: the kernel's arguments, as declared.
             unsafe {
-                kernel.launch(&stream.device, stream.handle, 1, THREADS, arguments)?;
+                kernels.contact.launch(&stream.device, stream.handle, 1, THREADS, arguments)?;
             };
         }
         Ok(())
+    }
+
+    /// Where the triangles begin among the elements.
+    fn first_triangle(&self) -> u32 {
+        self.vertices.next_multiple_of(32)
     }
 
     /// Counts and sums, for the report.
@@ -398,6 +416,10 @@ impl ContactSurface {
         let at = |field: usize, k: usize| fields[field * MAX_POINTS + k];
         let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(at(field, k)[axis]));
         let name = |k: usize, place: usize| at(point::NAMES, k)[place].to_bits();
+        let vertex = |element: u32| match element.checked_sub(self.first_triangle()) {
+            Some(triangle) => surface.triangles[triangle as usize][0],
+            None => element,
+        };
         let push = |k: usize| f64::from(at(point::IMPULSE, k)[3]);
         Ok((0..counts[count::POINTS] as usize)
             .filter(|&k| name(k, 0) == tool && push(k) > 0.0)
@@ -406,14 +428,14 @@ impl ContactSurface {
                 normal: vector(point::NORMAL, k),
                 depth_m: f64::from(at(point::AT, k)[3]),
                 force_n: (vector(point::NORMAL, k) * push(k) + vector(point::IMPULSE, k)) / dt,
-                material: surface.materials[name(k, 1) as usize],
+                material: surface.materials[vertex(name(k, 1)) as usize],
             })
             .collect())
     }
 
     /// Forgets all contacts.
     pub fn clear(&mut self) -> Result<()> {
-        self.list.spare = NEVER;
+        self.lose_track();
         self.counts.write(0, &FRESH_COUNTS)?;
         self.carrier_at.fill(NONE)?;
         self.touches.clear()
@@ -423,15 +445,35 @@ impl ContactSurface {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solver::tool::ToolDesc;
 
     #[test]
-    fn a_point_is_as_far_from_a_segment_as_from_its_nearest_point() {
-        let segment = [Vec3::zeros(), Vec3::new(2.0, 0.0, 0.0)];
-        for (point, expected) in
-            [([1.0, 3.0, 0.0], 3.0), ([-3.0, 4.0, 0.0], 5.0), ([5.0, 0.0, 4.0], 5.0), ([0.5, 0.0, 0.0], 0.0)]
-        {
-            assert_eq!(distance(point.into(), segment), expected);
+    fn a_list_serves_until_a_tool_or_the_tissue_has_used_up_its_room() {
+        let tool = |from: f64, to: f64, turn: f64| ToolStep {
+            desc: Arc::new(ToolDesc::sphere(0.01)),
+            path: ToolPath {
+                from: Pose::translation(from, 0.0, 0.0),
+                to: Pose::new(Vec3::new(to, 0.0, 0.0), Vec3::new(0.0, turn, 0.0)),
+            },
+        };
+        let list = |spare: f64| List { divides: false, zones: vec![Zone::of(&tool(0.0, 0.003, 0.0))], spare };
+        // On the listed way, as far beyond either of its ends as there is room, and turned as far.
+        for (from, to, turn, used) in [
+            (0.0, 0.003, 0.0, 0.0),
+            (0.003, 0.0, 0.0, 0.0),
+            (0.003, 0.008, 0.0, 0.002),
+            (0.003, -0.002, 0.0, 0.002),
+            (0.003, 0.003, 0.5, 0.002),
+        ] {
+            let tools = [tool(from, to, turn)];
+            assert!(list(used + 0.001 + 1e-9).serves(&tools, false, 0.001), "{from} to {to}");
+            assert!(!list(used + 0.001 - 1e-9).serves(&tools, false, 0.001), "{from} to {to}");
         }
-        assert_eq!(distance(Vec3::x(), [Vec3::zeros(); 2]), 1.0, "one that has no length");
+        let tools = [tool(0.0, 0.003, 0.0), tool(0.0, 0.003, 0.0)];
+        assert!(!list(1.0).serves(&tools, false, 0.0), "another tool");
+        assert!(!list(1.0).serves(&tools[..1], true, 0.0), "sites elsewhere");
+        assert!(
+            !list(NEVER).serves(&tools[..1], false, 0.0) && !list(1.0).serves(&tools[..1], false, f64::NAN)
+        );
     }
 }

@@ -147,8 +147,7 @@ pub struct Kernels {
     /// Finds what sites have to do with each other.
     pub contact_couple: Kernel,
     /// Pushes the tissue out of the tools: where sites are vertices, and where they lie inside triangles.
-    pub contact_vertices: Kernel,
-    pub contact_centres: Kernel,
+    pub contact: Kernel,
     /// Pushes what is loaded, and drives rigid regions.
     pub push: Kernel,
     pub drive: Kernel,
@@ -191,8 +190,7 @@ impl Kernels {
             contact_sites: near.function(c"contact_sites")?,
             contact_carry: near.function(c"contact_carry")?,
             contact_couple: near.function(c"contact_couple")?,
-            contact_vertices: contact.overlapping_function(c"contact_vertices")?,
-            contact_centres: contact.overlapping_function(c"contact_centres")?,
+            contact: contact.overlapping_function(c"contact")?,
             push: outside.function(c"push")?,
             drive: outside.function(c"drive")?,
             judge: outside.function(c"judge")?,
@@ -305,7 +303,7 @@ mod tests {
         for (kernel, declared) in &kernels {
             assert!(*declared <= MOST_DECLARED, "{kernel} declares {declared} bytes");
         }
-        let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact_vertices").unwrap();
+        let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact").unwrap();
         assert!(*declared > 0, "it is found");
     }
 

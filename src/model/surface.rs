@@ -44,6 +44,15 @@ pub struct Surface {
     pub triangle_of: Vec<u32>,
 }
 
+/// Lengths of a surface's triangles at rest, in m.
+#[derive(Clone, Debug)]
+pub struct Edges {
+    /// The longest edge of each triangle `[triangle_count]`.
+    pub of_triangles: Vec<f32>,
+    /// The least of those around each vertex `[vertex_count]`; infinite where there is no triangle.
+    pub of_vertices: Vec<f32>,
+}
+
 impl Surface {
     /// Binds a mesh to the tissue. The mesh is in the **model frame**; its texture coordinates are kept, or
     /// made by [`mirrored_cylinder`] when it has none.
@@ -87,6 +96,20 @@ impl Surface {
             uvs = mirrored_cylinder(&positions);
         }
         Ok(Self { positions, triangles, uvs, materials, rows, triangle_starts, triangle_of })
+    }
+
+    /// How long triangles are at rest: what contact goes by.
+    pub fn edges(&self) -> Edges {
+        let longest = |triangle: &[u32; 3]| {
+            let p = triangle.map(|vertex| self.positions[vertex as usize]);
+            (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max) as f32
+        };
+        let of_triangles: Vec<f32> = self.triangles.iter().map(longest).collect();
+        let least = |vertex| {
+            let around = self.triangles_at(vertex).iter().map(|&triangle| of_triangles[triangle as usize]);
+            around.fold(f32::INFINITY, f32::min)
+        };
+        Edges { of_vertices: (0..self.positions.len()).map(least).collect(), of_triangles }
     }
 
     /// The triangles at a vertex, ascending.

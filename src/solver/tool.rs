@@ -123,6 +123,8 @@ pub const MAX_PARTS: usize = 16;
 
 /// Most strides in which a point's way is looked at.
 const MAX_STRIDES: f64 = 64.0;
+/// Finest division of a triangle's edge.
+const MAX_DIVISION: u32 = 32;
 
 impl ToolMotion {
     /// At rest at a pose.
@@ -206,6 +208,13 @@ impl Shape {
             Self::Box { half_extents_m, .. } => half_extents_m.min(),
         }
     }
+
+    /// Into how many parts the edges of a triangle with this longest edge at rest, in m, are divided so that contact points resolve the shape: none
+    /// is longer than a third of its size, which leaves room for the tissue to stretch. At most [`MAX_DIVISION`]. In single
+    /// precision, so that all backends agree.
+    pub fn division(&self, edge: f32) -> u32 {
+        (3.0 * edge / self.feature_m() as f32).ceil().clamp(1.0, MAX_DIVISION as f32) as u32
+    }
 }
 
 /// Distance to a ball of radius `r` around the nearest core point, `d` away from it.
@@ -216,38 +225,45 @@ fn from_core(d: Vec3, r: f64) -> (f64, Vec3) {
     (length - r, normal)
 }
 
+/// What of a tool is nearest to a point, tool frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Nearest {
+    /// Signed distance in m, negative inside.
+    pub distance: f64,
+    /// Unit normal, outward.
+    pub normal: Vec3,
+    /// Which of the tool's parts it is.
+    pub part: usize,
+}
+
 impl ToolDesc {
-    /// Signed distance from a point of the tool's frame to the union of its parts, and the outward normal.
-    pub fn distance(&self, p: Vec3) -> (f64, Vec3) {
-        let to_part = |(pose, shape): &(Pose, Shape)| {
+    /// Signed distance from a point of the tool's frame to the union of its parts.
+    pub fn distance(&self, p: Vec3) -> Nearest {
+        let to_part = |part: usize| {
+            let (pose, shape) = &self.parts[part];
             let (distance, normal) = shape.distance(pose.inverse_transform_point(&p.into()).coords);
-            (distance, pose * normal)
+            Nearest { distance, normal: pose * normal, part }
         };
-        let mut nearest = to_part(&self.parts[0]);
-        for part in &self.parts[1..] {
-            let other = to_part(part);
-            if other.0 < nearest.0 {
-                nearest = other;
-            }
-        }
-        nearest
+        (1..self.parts.len()).map(to_part).fold(to_part(0), |nearest, other| {
+            if other.distance < nearest.distance { other } else { nearest }
+        })
     }
 
-    /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane that
-    /// it meets first (negative), and that plane's outward normal. The way is looked at in `strides` equal strides, 64 at most; where it
+    /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane of the part
+    /// that it meets first (negative), and that plane's outward normal. The way is looked at in `strides` equal strides, 64 at most; where it
     /// is one or less, at its end alone.
     ///
     /// At the end alone, a point that went past the middle of a thin tool would be pushed out on the wrong side, and one that went
     /// through would be missed.
-    pub fn meet(&self, start: Vec3, end: Vec3, strides: f64) -> Option<(f64, Vec3)> {
+    pub fn meet(&self, start: Vec3, end: Vec3, strides: f64) -> Option<Nearest> {
         let count = strides.ceil().clamp(1.0, MAX_STRIDES);
         let first = if strides > 1.0 { 0 } else { count as u32 };
         for stride in first..=count as u32 {
             let at = start + (end - start) * (f64::from(stride) / count);
-            let (distance, normal) = self.distance(at);
-            if distance < 0.0 {
-                let beyond = distance + normal.dot(&(end - at));
-                return (beyond < 0.0).then_some((beyond, normal));
+            let met = self.distance(at);
+            if met.distance < 0.0 {
+                let distance = met.distance + met.normal.dot(&(end - at));
+                return (distance < 0.0).then_some(Nearest { distance, ..met });
             }
         }
         None
@@ -258,6 +274,16 @@ impl ToolDesc {
         let reach =
             |(pose, shape): &(Pose, Shape)| pose.translation.vector.norm() + shape.bounding_radius_m();
         self.parts.iter().map(reach).fold(0.0, f64::max)
+    }
+
+    /// Into how many parts the edges of a triangle with this longest edge at rest, in m, are divided for the parts of the tool that lie within
+    /// `reach` of a point, tool frame: bit n − 1 stands for n.
+    pub fn divisions(&self, p: Vec3, reach: f64, edge: f32) -> u32 {
+        let is_there = |(pose, shape): &&(Pose, Shape)| {
+            shape.distance(pose.inverse_transform_point(&p.into()).coords).0 < reach
+        };
+        let parts = self.parts.iter().filter(is_there);
+        parts.fold(0, |all, (_, shape)| all | 1 << (shape.division(edge) - 1))
     }
 
     /// The smallest size among the parts that contact points must resolve.

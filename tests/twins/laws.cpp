@@ -37,6 +37,13 @@ struct Law {
 
 constexpr int PARTS = 3;
 
+// All as numbers.
+void give_nearest(const Nearest& nearest) {
+    give(nearest.distance);
+    give(nearest.normal);
+    give(float(nearest.part));
+}
+
 struct Tool {
     Part parts[PARTS];
 };
@@ -71,13 +78,21 @@ const Law LAWS[] = {
     {"Quat turn_by", [](In& in) { give(turn_by(in.vec())); }},
     {"Distance from_core", [](In& in) { const Vec d = in.vec(); const float r = in.number(); give(from_core(d, r)); }},
     {"Distance shape_distance", [](In& in) { const Part part = in.take<Part>(); const Vec p = in.vec(); give(shape_distance(part, p)); }},
-    {"Distance tool_distance",
-     [](In& in) { const Tool tool = in.take<Tool>(); const Vec p = in.vec(); give(tool_distance(tool.parts, PARTS, p)); }},
-    {"Distance meet",
+    {"Nearest tool_distance",
+     [](In& in) { const Tool tool = in.take<Tool>(); const Vec p = in.vec(); give_nearest(tool_distance(tool.parts, PARTS, p)); }},
+    {"int part_division", [](In& in) { const Part part = in.take<Part>(); give(float(part_division(part, in.number()))); }},
+    {"unsigned tool_divisions",
+     [](In& in) {
+         const Tool tool = in.take<Tool>();
+         const Vec p = in.vec();
+         const float reach = in.number();
+         give(tool_divisions(tool.parts, PARTS, p, reach, in.number()));
+     }},
+    {"Nearest meet",
      [](In& in) {
          const Tool tool = in.take<Tool>();
          const Vec start = in.vec(), end = in.vec();
-         give(meet(tool.parts, PARTS, start, end, in.number()));
+         give_nearest(meet(tool.parts, PARTS, start, end, in.number()));
      }},
 };
 

@@ -1,7 +1,8 @@
 //! Contact of tools with the tissue's surface, by projection.
 //!
-//! Contact points are the vertices near a tool; where a triangle is larger than half the size of the tool's features, the centres of
-//! small triangles into which it is divided, so that a tip smaller than a cell glides over the cells. A point that the free
+//! Contact points are the vertices near a tool; where a triangle is longer at rest than a third of the size of a part of the tool, the centres of
+//! small triangles into which it is divided meet that part in their stead, so that a tip smaller than a cell glides over the cells. By its length
+//! at rest, for points that came and went with the strain would make the force jump. A point that the free
 //! motion has put inside a tool is put back on its surface within the same substep. The impulse for that
 //! is found by projected Gauss–Seidel over all points and tools together (normal impulses push only, tangential ones stay in
 //! Coulomb's cone), on the masses of the nodes that carry the points. Because the tool receives exactly what the nodes receive,
@@ -26,18 +27,16 @@ use super::nodes::Field;
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::surface::ROW;
-use crate::solver::tool::Contact;
+use crate::model::surface::{Edges, ROW};
+use crate::solver::tool::{Contact, Nearest};
 use crate::solver::{ToolStep, ToolSum};
 
 /// Most points in contact at once; the first that are found are kept, and what is dropped is counted.
 const MAX_POINTS: usize = 4096;
-/// Most sweeps of the Gauss–Seidel iteration.
-const SWEEPS: usize = 8;
+/// Most sweeps of the Gauss–Seidel iteration: a few do, but where many points hang on few nodes.
+const SWEEPS: usize = 64;
 /// A sweep is the last when it changes no impulse by more than this share of the largest.
 const CONVERGED: f64 = 1e-3;
-/// Finest division of a triangle's edge.
-const MAX_DIVISION: u32 = 32;
 /// Most moves of a tool in a substep.
 const MAX_MOVES: f64 = 64.0;
 /// Share of a cell by which a node may be pushed in one substep, besides the tool's own motion.
@@ -73,8 +72,7 @@ pub struct ContactNodes<'a, R> {
 pub struct ContactSurface {
     model: Arc<Model>,
     near: Near,
-    /// Longest rest edge of each triangle.
-    longest_edge: Vec<f64>,
+    edges: Edges,
     /// Where the listed vertices are, filled for each look at the contact: before the substep, and now.
     moved_vertices: Vec<(Vec3, Vec3)>,
     /// On which sides of a tool each of them is.
@@ -133,12 +131,30 @@ struct View<'a> {
     to_tool: Pose,
     /// From where the tool was when the move began to where it is.
     carry_over: Pose,
-    /// Distance between contact points at most.
-    spacing: f64,
+    /// How far a point may come before its way matters.
+    stride: f64,
     radius: f64,
 }
 
+/// Which parts of tools a point of the surface meets: those that divide triangles with this longest edge so.
+#[derive(Clone, Copy)]
+struct Fit {
+    edge: f32,
+    division: u32,
+}
+
 impl View<'_> {
+    /// How the parts of the tool that may be at a triangle divide it. Where ways matter, all of them may be.
+    fn divisions(&self, corners: [Vec3; 3], edge: f32, follow: bool) -> u32 {
+        if let [(_, shape)] = self.tool.desc.parts[..] {
+            return 1 << (shape.division(edge) - 1);
+        }
+        let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let size = corners.map(|corner| (corner - middle).norm()).into_iter().fold(0.0, f64::max);
+        let reach = if follow { f64::INFINITY } else { size };
+        self.tool.desc.divisions(self.to_tool.transform_point(&middle.into()).coords, reach, edge)
+    }
+
     /// Where a point was when the move began, seen from the tool.
     fn start(&self, before: Vec3) -> Vec3 {
         self.carry_over.transform_point(&before.into()).coords
@@ -149,21 +165,13 @@ impl ContactSurface {
     /// Prepares the contact surface of a model.
     pub fn new(model: Arc<Model>) -> Self {
         let surface = &model.surfaces()[model.contact_surface()];
-        let longest_edge = surface
-            .triangles
-            .iter()
-            .map(|t| {
-                let p = t.map(|v| surface.positions[v as usize]);
-                (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max)
-            })
-            .collect();
         let vertices = surface.positions.len();
         Self {
             near: Near::new(surface, model.lattice().cell_m()),
             moved_vertices: Vec::with_capacity(vertices),
             sides: Vec::with_capacity(vertices),
             probed: Vec::with_capacity(vertices),
-            longest_edge,
+            edges: surface.edges(),
             points: Vec::with_capacity(MAX_POINTS),
             carried: Vec::with_capacity(MAX_POINTS * 3 * ROW),
             nodes: Vec::with_capacity(MAX_NODES),
@@ -294,7 +302,7 @@ impl ContactSurface {
                 number: number as u32,
                 tool,
                 to_tool: pose.inverse(),
-                spacing: 0.5 * tool.desc.feature_m(),
+                stride: 0.5 * tool.desc.feature_m(),
                 radius: tool.desc.bounding_radius_m(),
                 carry_over: pose * tool.path.at(span[0]).inverse(),
                 pose,
@@ -314,25 +322,25 @@ impl ContactSurface {
                     continue;
                 }
                 let corners = places.map(|place| self.moved_vertices[place as usize]);
-                let edge2 = |i: usize| (corners[i].1 - corners[(i + 1) % 3].1).norm_squared();
-                let edge = (0..3).map(edge2).fold(0.0, f64::max).sqrt();
-                let edge = edge.max(self.longest_edge[triangle as usize]);
-                if edge <= view.spacing {
-                    // Corners are close enough, each once.
-                    for (c, place) in places.into_iter().enumerate() {
-                        if !std::mem::replace(&mut self.probed[place as usize], true) {
-                            let weights = std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
-                            self.probe(&view, triangle, weights, corners[c], nodes);
-                        }
+                let edge = self.edges.of_triangles[triangle as usize];
+                let divisions = view.divisions(corners.map(|c| c.1), edge, follow);
+                for (c, place) in places.into_iter().enumerate().filter(|_| divisions & 1 != 0) {
+                    // A corner once for all triangles around it.
+                    if !std::mem::replace(&mut self.probed[place as usize], true) {
+                        let vertex = surface.triangles[triangle as usize][c];
+                        let fit = Fit { edge: self.edges.of_vertices[vertex as usize], division: 1 };
+                        let weights = std::array::from_fn(|i| if i == c { 1.0 } else { 0.0 });
+                        self.probe(&view, triangle, fit, weights, corners[c], nodes);
                     }
-                    continue;
                 }
-                let division = ((edge / view.spacing).ceil() as u32).min(MAX_DIVISION);
-                for_each_centre(division, |weights| {
-                    let between = |p: [Vec3; 3]| p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
-                    let way = (between(corners.map(|c| c.0)), between(corners.map(|c| c.1)));
-                    self.probe(&view, triangle, weights, way, nodes);
-                });
+                for division in (2..=u32::BITS).filter(|n| divisions >> (n - 1) & 1 != 0) {
+                    for_each_centre(division, |weights| {
+                        let between =
+                            |p: [Vec3; 3]| p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
+                        let way = (between(corners.map(|c| c.0)), between(corners.map(|c| c.1)));
+                        self.probe(&view, triangle, Fit { edge, division }, weights, way, nodes);
+                    });
+                }
             }
         }
     }
@@ -342,6 +350,7 @@ impl ContactSurface {
         &mut self,
         view: &View,
         triangle: u32,
+        fit: Fit,
         weights: [f64; 3],
         (before, p): (Vec3, Vec3),
         nodes: &ContactNodes<R>,
@@ -349,16 +358,16 @@ impl ContactSurface {
         let local = |p: Vec3| view.to_tool.transform_point(&p.into()).coords;
         let start = view.start(before);
         let travel = (p - start).norm();
-        let met = if travel <= view.spacing {
+        let met = if travel <= view.stride {
             if (p - view.pose.translation.vector).norm_squared() >= view.radius * view.radius {
                 return;
             }
-            let (distance, normal) = view.tool.desc.distance(local(p));
-            (distance < 0.0).then_some((distance, normal))
+            Some(view.tool.desc.distance(local(p))).filter(|met| met.distance < 0.0)
         } else {
-            view.tool.desc.meet(local(start), local(p), travel / view.spacing)
+            view.tool.desc.meet(local(start), local(p), travel / view.stride)
         };
-        let Some((distance, normal)) = met else { return };
+        let is_fit = |met: &Nearest| view.tool.desc.parts[met.part].1.division(fit.edge) == fit.division;
+        let Some(Nearest { distance, normal, .. }) = met.filter(is_fit) else { return };
         let point = Point {
             tool: view.number,
             triangle,

@@ -25,7 +25,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
     let structs = claims! {
         Law { spring, volume, corner, damper }
         Part { turn, at, shape, size }
-        ToolStep { from, to, turn_from, turn, friction, radius, spacing, part, part_count }
+        ToolStep { from, to, turn_from, turn, friction, radius, stride, reach, part, part_count }
         ToolSum { impulse, moment, work }
         Step {
             dt, keep, gravity, sequence, tool_count, margin, duration, push_limit, may_jump, vis_viva, tools
@@ -47,8 +47,8 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Carrier { slot, start, count, name }
         Load { site, weight }
         Contact {
-            vertices, triangles, division, reach, edge, rest, row_nodes, row_weights, corners, parts,
-            near_bits, near, counts, site_rest, site_own, site_names, site_slots, site_weights, site_carriers,
+            vertices, triangles, first_triangle, divides, reach, rest, row_nodes, row_weights, corners, parts,
+            triangle_edges, vertex_edges, near_bits, near, near_starts, divisions, counts, site_rest, site_own, site_edges, site_names, site_slots, site_weights, site_carriers,
             site_coupled, couplings, carrier_at, carriers, mobility, loads, moved, changes, impulses, touches, given, points,
             sums
         }

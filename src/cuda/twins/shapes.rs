@@ -5,7 +5,7 @@ use super::{Case, Laws, rounded};
 use crate::cuda::layout::Part;
 use crate::math::{Pose, Quat, Vec3};
 use crate::noise::Noise;
-use crate::solver::tool::{Shape, ToolDesc};
+use crate::solver::tool::{Nearest, Shape, ToolDesc};
 
 /// As many parts as the C++ program takes.
 const PARTS: usize = 3;
@@ -51,6 +51,12 @@ impl Rounding {
 
 fn as_numbers((distance, normal): (f64, Vec3)) -> [f64; 4] {
     [distance, normal.x, normal.y, normal.z]
+}
+
+/// And its part.
+fn nearest_as_numbers(nearest: Nearest) -> [f64; 5] {
+    let [distance, x, y, z] = as_numbers((nearest.distance, nearest.normal));
+    [distance, x, y, z, nearest.part as f64]
 }
 
 fn single(x: f64) -> f64 {
@@ -193,7 +199,7 @@ fn compounds_are_as_far_away_as_on_the_processor() {
     let Some(laws) = Laws::compiled() else { return };
     let mut noise = Noise(3);
     let case = |tool: &ToolDesc, p: Vec3| {
-        let twin = |p: Vec3| as_numbers(tool.distance(p));
+        let twin = |p: Vec3| nearest_as_numbers(tool.distance(p));
         let rounding = Rounding::of_tool(p.norm() + tool.bounding_radius_m());
         Case {
             input: part_numbers(tool).chain(numbers(&p)).collect(),
@@ -211,8 +217,69 @@ fn compounds_are_as_far_away_as_on_the_processor() {
     // Where two parts are equally near, the first one counts.
     let ball = |x: f64| (Pose::translation(x, 0.0, 0.0), Shape::Sphere { radius_m: 0.25 });
     let twins = ToolDesc { parts: vec![ball(-0.5), ball(0.5), ball(4.0)], friction: 0.0 };
-    cases.push(Case { tolerance: [0.0; 4], ..case(&twins, Vec3::zeros()) });
-    laws.check("Distance tool_distance", &cases);
+    cases.push(Case { tolerance: [0.0; 5], ..case(&twins, Vec3::zeros()) });
+    laws.check("Nearest tool_distance", &cases);
+}
+
+#[test]
+fn triangles_are_divided_as_on_the_processor() {
+    let Some(laws) = Laws::compiled() else { return };
+    let mut noise = Noise(5);
+    let (mut inputs, mut expected) = (Vec::new(), Vec::new());
+    for number in 0..4000 {
+        let shape = shape(&mut noise, number, size);
+        // From a small part of what would be divided to more than is; and to the last bit what is not just yet.
+        let third = shape.feature_m() as f32 / 3.0;
+        let edge = if number % 8 < 4 {
+            third * (1 + number % 5) as f32
+        } else {
+            third * (20.0 + 20.0 * noise.next() as f32)
+        };
+        inputs.push(
+            words(&Part::of(&Pose::identity(), &shape)).into_iter().chain([edge]).collect::<Vec<f32>>(),
+        );
+        expected.push(shape.division(edge) as f32);
+    }
+    let answers = laws.answers::<1>("int part_division", &inputs);
+    for ((input, expected), [found]) in inputs.iter().zip(&expected).zip(answers) {
+        assert_eq!(found, *expected, "{input:?}");
+    }
+    let ones = expected.iter().filter(|n| **n == 1.0).count();
+    let most = expected.iter().filter(|n| **n == 32.0).count();
+    assert!(ones > 100 && most > 100, "{ones} undivided, {most} as finely as may be");
+}
+
+#[test]
+fn the_parts_in_reach_are_those_of_the_processor() {
+    let Some(laws) = Laws::compiled() else { return };
+    let mut noise = Noise(6);
+    let places: Vec<_> = (0..4000)
+        .map(|number| {
+            let reach = single(0.01 + 0.01 * noise.next());
+            (tool(&mut noise, number), vector(&mut noise, 0.05), reach)
+        })
+        .collect();
+    let edge = 0.02;
+    let input = |(tool, p, reach): &(ToolDesc, Vec3, f64)| {
+        part_numbers(tool).chain(numbers(p.iter().chain([reach]))).chain([edge]).collect::<Vec<f32>>()
+    };
+    let inputs: Vec<_> = places.iter().map(input).collect();
+    let answers = laws.answers::<1>("unsigned tool_divisions", &inputs);
+
+    let (mut some, mut none, mut unclear) = (0, 0, 0);
+    for ((tool, p, reach), [found]) in places.iter().zip(answers) {
+        let rounding = Rounding::of_tool(p.norm() + tool.bounding_radius_m());
+        let off = rounding.place + rounding.distance;
+        let [more, less] = [reach + off, reach - off].map(|reach| tool.divisions(*p, reach, edge));
+        if more != less {
+            unclear += 1;
+            continue;
+        }
+        assert_eq!(found.to_bits(), more, "{tool:?} at {p}, {reach}");
+        *if more == 0 { &mut none } else { &mut some } += 1;
+    }
+    println!("{some} in reach, {none} without, {unclear} too close to call");
+    assert!(some > places.len() / 10 && none > places.len() / 10 && unclear < places.len() / 100);
 }
 
 #[test]
@@ -256,7 +323,7 @@ fn sweeping_points_meet_the_tools_that_they_meet_on_the_processor() {
             part_numbers(tool).chain(way).collect()
         })
         .collect();
-    let answers = laws.answers::<4>("Distance meet", &inputs);
+    let answers = laws.answers::<5>("Nearest meet", &inputs);
 
     let (mut met, mut missed, mut unclear) = (0, 0, 0);
     for (Sweep { tool, start, end, strides }, answer) in sweeps.iter().zip(answers) {
@@ -270,10 +337,10 @@ fn sweeping_points_meet_the_tools_that_they_meet_on_the_processor() {
         match (twin(Vec3::zeros()), shifts.filter(|shift| twin(*shift).is_some()).count()) {
             (Some(expected), 6) => {
                 met += 1;
-                let expected = as_numbers(expected);
-                let shifted = |shift| as_numbers(twin(shift).expect("met wherever it was shifted"));
+                let expected = nearest_as_numbers(expected);
+                let shifted = |shift| nearest_as_numbers(twin(shift).expect("met wherever it was shifted"));
                 let tolerance = rounding.around(expected, shifted);
-                for i in 0..4 {
+                for i in 0..5 {
                     let found = f64::from(answer[i]);
                     assert!(
                         (found - expected[i]).abs() <= tolerance[i],

@@ -19,7 +19,7 @@ constexpr int LANES = 8, GROUPS = THREADS / LANES;
 // Couplings that a thread keeps in registers.
 constexpr int HELD = MAX_COUPLED / LANES;
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest.
-constexpr int ITERATIONS = 24;
+constexpr int ITERATIONS = 64;
 constexpr float CONVERGED = 1e-3f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
@@ -168,17 +168,6 @@ __device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float 
 // The impulse on a site of one point.
 __device__ Vec impulse_of(const Known& known, const Impulse& j) { return known.is_movable() ? known.normal * j.push + j.drag : Vec{0, 0, 0}; }
 
-// Whether a carrier's first active site is `a`: who cares for that one cares for the carrier as well.
-__device__ bool is_first(const Work& w, const Carrier& carrier, uint32_t a) {
-    uint32_t first = NOT_ACTIVE;
-#pragma unroll 4
-    for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
-        // Active sites are numbered in the order of the list.
-        first = min(first, uint32_t(w.sites.of[w.c.loads[e].site]));
-    }
-    return first == a;
-}
-
 // The sum of all impulses on a carrier, by its loads from `start` to `end`.
 __device__ __forceinline__ Vec load_of(const Work& w, uint32_t start, uint32_t end, const float4* impulses) {
     Vec sum{0, 0, 0};
@@ -312,21 +301,37 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
     const uint32_t row = w.c.divides ? MAX_ROW : LANES;
     if (threadIdx.x == 0) moved = 0;
     __syncthreads();
-    // The carriers, each once; for now with how much unit impulses on all sites move them at most.
+    // The carriers, each once: who comes first claims it, and nothing hangs on who that is.
 #pragma unroll 1
     for (uint32_t job = threadIdx.x; job < w.active * row; job += THREADS) {
-        const uint32_t a = job / row;
-        const Carrier carrier = w.c.site_carriers[job % row * MAX_SITES + w.sites.site[a]];
-        const uint32_t on = carrier.name;
-        if (on == ~0u || !is_first(w, carrier, a)) continue;
-        w.c.moved[atomicAdd(&moved, 1)] = on;
+        const uint32_t on = w.c.site_carriers[job % row * MAX_SITES + w.sites.site[job / row]].name;
+        if (on == ~0u || atomicExch(&w.c.claimed[on], w.tag) == w.tag) continue;
+        w.c.moved[atomicAdd(&moved, 1)] = {on, 0};
+    }
+    __syncthreads();
+    // A group for each gathers its loads on active sites, and how much unit impulses on all of them move it at most.
+    const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES, shift = threadIdx.x & 24, mask = 0xffu << shift;
+#pragma unroll 1
+    for (uint32_t n = group; n < moved; n += GROUPS) {
+        const uint32_t on = w.c.moved[n].x;
+        const Carrier carrier = w.c.carriers[on];
+        uint32_t count = 0;
         float reach = 0.0f;
 #pragma unroll 4
-        for (uint32_t e = carrier.start; e < carrier.start + carrier.count; ++e) {
-            const Load load = w.c.loads[e];
-            if (w.sites.of[load.site] != NOT_ACTIVE) reach += fabsf(load.weight);
+        for (uint32_t first = 0; first < carrier.count; first += LANES) {
+            const uint32_t e = first + lane;
+            const Load load = e < carrier.count ? w.c.loads[carrier.start + e] : Load{w.sites.site[0], 0.0f};
+            const uint32_t other = w.sites.of[load.site];
+            const bool is_active = other != NOT_ACTIVE && e < carrier.count;
+            const uint32_t actives = __ballot_sync(mask, is_active) >> shift;
+            if (is_active) w.c.active_loads[carrier.start + count + __popc(actives & ((1u << lane) - 1))] = {other, load.weight};
+            count += __popc(actives);
+            reach += is_active ? fabsf(load.weight) : 0.0f;
         }
+        for (int step = 1; step < LANES; step *= 2) reach += __shfl_xor_sync(mask, reach, step);
+        if (lane > 0) continue;
         const float4 m = w.c.mobility[on];
+        w.c.moved[n].y = count;
         w.c.changes[on] = make_float4(0, 0, 0, reach * fmaxf(m.x, fmaxf(m.y, m.z)));
     }
     __syncthreads();
@@ -360,9 +365,16 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
     for (int iteration = 0;; ++iteration) {
 #pragma unroll 1
         for (uint32_t n = threadIdx.x; n < moved; n += THREADS) {
-            const uint32_t on = w.c.moved[n];
+            const uint2 known = w.c.moved[n];
+            const uint32_t on = known.x;
             const Carrier carrier = w.c.carriers[on];
-            const Vec change = scaled(w.c.mobility[on], load_of(w, carrier.start, carrier.start + carrier.count, w.c.impulses));
+            Vec sum{0, 0, 0};
+#pragma unroll 4
+            for (uint32_t e = 0; e < known.y; ++e) {
+                const Load load = w.c.active_loads[carrier.start + e];
+                sum = sum + vec(w.c.impulses[load.site]) * load.weight;
+            }
+            const Vec change = scaled(w.c.mobility[on], sum);
             w.c.changes[on] = with(change, 0.0f);
             if (is_done) kick(w, carrier.slot, velocity_of(w, carrier.slot), w.pass.u_next[carrier.slot], change);
         }

@@ -238,8 +238,11 @@ struct Contact {
     Carrier* carriers;
     float4* mobility;  // along the axes, and 1 / mass
     Load* loads;
-    // Carriers of points, and what impulses change of their velocity.
-    uint32_t* moved;
+    // Loads on active sites, by what those are among the active ones; when each carrier was last claimed; carriers of points, and how many such loads each
+    // has; and what impulses change of a carrier's velocity.
+    Load* active_loads;
+    uint32_t* claimed;
+    uint2* moved;
     float4* changes;
     // Impulses on active sites, where they are many.
     float4* impulses;  // [MAX_POINTS]

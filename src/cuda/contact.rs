@@ -124,7 +124,9 @@ pub struct ContactSurface {
     carriers: Buffer<Carrier>,
     mobility: Buffer<[f32; 4]>,
     loads: Buffer<Load>,
-    moved: Buffer<u32>,
+    active_loads: Buffer<Load>,
+    claimed: Buffer<u32>,
+    moved: Buffer<[u32; 2]>,
     changes: Buffer<[f32; 4]>,
     impulses: Buffer<[f32; 4]>,
     touches: Buffer<[u32; 2]>,
@@ -208,6 +210,8 @@ impl ContactSurface {
             carriers: Buffer::zeros(stream, rows)?,
             mobility: Buffer::zeros(stream, rows)?,
             loads: Buffer::zeros(stream, rows)?,
+            active_loads: Buffer::zeros(stream, rows)?,
+            claimed: Buffer::zeros(stream, rows)?,
             moved: Buffer::zeros(stream, rows)?,
             changes: Buffer::zeros(stream, rows)?,
             impulses: Buffer::zeros(stream, MAX_POINTS)?,
@@ -317,6 +321,8 @@ impl ContactSurface {
             carriers: self.carriers.at(),
             mobility: self.mobility.at(),
             loads: self.loads.at(),
+            active_loads: self.active_loads.at(),
+            claimed: self.claimed.at(),
             moved: self.moved.at(),
             changes: self.changes.at(),
             impulses: self.impulses.at(),
@@ -436,7 +442,9 @@ impl ContactSurface {
     /// Forgets all contacts.
     pub fn clear(&mut self) -> Result<()> {
         self.lose_track();
+        // Times begin anew.
         self.counts.write(0, &FRESH_COUNTS)?;
+        self.claimed.clear()?;
         self.carrier_at.fill(NONE)?;
         self.touches.clear()
     }

@@ -383,6 +383,8 @@ pub struct Contact {
     pub carriers: CUdeviceptr,
     pub mobility: CUdeviceptr,
     pub loads: CUdeviceptr,
+    pub active_loads: CUdeviceptr,
+    pub claimed: CUdeviceptr,
     pub moved: CUdeviceptr,
     pub changes: CUdeviceptr,
     pub impulses: CUdeviceptr,

@@ -13,7 +13,7 @@ use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become two images.
-const IMAGES: [&str; 6] = ["lattice", "near", "contact", "outside", "surface", "report"];
+const IMAGES: [&str; 7] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report"];
 /// What they include.
 const HEADERS: [&str; 6] = ["block.cuh", "clock.cuh", "contact.cuh", "law.cuh", "layout.cuh", "tool.cuh"];
 /// Sources in one folder that are compiled, checked and kept together.

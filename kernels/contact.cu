@@ -1,7 +1,8 @@
 // Contact of tools with the tissue's surface, by projection; see src/cpu/contact/mod.rs for what it means.
 //
-// After every substep one block finds the sites inside tools and the impulses that put them back: a projected gradient with momentum that starts from
-// the last substep's impulses. Every sum has a fixed order.
+// After every substep one block finds the sites inside tools and the impulses that put them back: a projected gradient with momentum. It starts from
+// nothing in every substep, so that impulses hang on where the tissue is and on nothing else: where it started from those of the last substep, tissue
+// that is held by a tool never came to rest. Every sum has a fixed order.
 //
 // The block is all latency: of loads that wait for each other, and of code, which has to be fetched while it runs for the first time. So loads come
 // early and together, loops stay loops, and nothing is written twice. Where points are few, which is usual, a group of eight threads cares for a site, and
@@ -131,12 +132,10 @@ struct Work {
     const Step& step;
     const ToolStep* tools;
     const Active& sites;
-    // Points of now, and of the last time.
-    const Points points, old;
-    uint32_t tag, active;
-    // The largest impulse of the last time's, as bits; and the points that a site had then, for few.
+    const Points points;
+    uint32_t round, active;
+    // The largest impulse of a first iteration, as bits.
     uint32_t* largest;
-    const uint2* touched;
 };
 
 __device__ Vec velocity_of(const Work& w, uint32_t slot) {
@@ -144,19 +143,8 @@ __device__ Vec velocity_of(const Work& w, uint32_t slot) {
     return {w.pass.v_next[at], w.pass.v_next[at + BRICK_NODES], w.pass.v_next[at + 2 * BRICK_NODES]};
 }
 
-// The last time's impulse of a point's tool on its site.
-__device__ __forceinline__ Impulse guess_of(const Work& w, const uint2& touch, uint32_t k) {
-    const float4 normal = w.points.at(NORMAL, k);
-    if (normal.w <= 0.0f) return {fmaxf(-normal.w, 0.0f), {0, 0, 0}};
-    Impulse guess{0.0f, {0, 0, 0}};
-#pragma unroll 1
-    for (uint32_t was = touch.y & 0xffff, end = was + (touch.y >> 16); touch.x == w.tag - 1 && was < end; ++was) {
-        const float4 impulse = w.old.at(IMPULSE, was);
-        if (__float_as_uint(w.old.at(NAMES, was).x) != __float_as_uint(w.points.at(NAMES, k).x)) continue;
-        guess = {fmaxf(impulse.w, 0.0f), vec(impulse) - vec(normal) * dot(vec(impulse), vec(normal))};
-    }
-    return guess;
-}
+// What iterations start from: what cannot move has its impulse already.
+__device__ Impulse start_of(const Known& known) { return {fmaxf(-known.target, 0.0f), {0, 0, 0}}; }
 
 // What is known of a point on a site that moves with `velocity` and that all points together move by 1 / `mass` at most.
 __device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float mass) {
@@ -215,9 +203,6 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
         float4 couplings[HELD];
 #pragma unroll
         for (int i = 0; i < HELD; ++i) couplings[i] = w.c.couplings[site * MAX_COUPLED + i * LANES + lane];
-        const uint2 touch = w.touched[a];
-        const uint32_t was = touch.y & 0xffff;
-        const float4 impulse = w.old.at(IMPULSE, was), names = w.old.at(NAMES, was);
         is_carried = carrier.name != ~0u;
         v = velocity_of(w, carrier.slot);
         u = w.pass.u_next[carrier.slot];
@@ -236,15 +221,10 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
             if (__any_sync(~0u, is_there)) widest = i + 1;
         }
         known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
-        // The last time's impulse, if there was one of the same tool.
-        now = {fmaxf(-known.target, 0.0f), {0, 0, 0}};
-        if (known.is_movable() && touch.x == w.tag - 1 && __float_as_uint(names.x) == __float_as_uint(w.points.at(NAMES, a).x)) {
-            now = {fmaxf(impulse.w, 0.0f), vec(impulse) - known.normal * dot(vec(impulse), known.normal)};
-        }
-        last = now;
+        last = now = start_of(known);
         if (lane == 0 && is_mine) {
-            impulses[0][a] = with(impulse_of(known, now), 0.0f);
-            atomicMax(w.largest, __float_as_uint(now.push));
+            impulses[0][a] = make_float4(0, 0, 0, 0);
+            atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
         }
         // Who writes which node, and by which active sites' impulses.
         uint32_t first = NOT_ACTIVE;
@@ -305,7 +285,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
 #pragma unroll 1
     for (uint32_t job = threadIdx.x; job < w.active * row; job += THREADS) {
         const uint32_t on = w.c.site_carriers[job % row * MAX_SITES + w.sites.site[job / row]].name;
-        if (on == ~0u || atomicExch(&w.c.claimed[on], w.tag) == w.tag) continue;
+        if (on == ~0u || atomicExch(&w.c.claimed[on], w.round) == w.round) continue;
         w.c.moved[atomicAdd(&moved, 1)] = {on, 0};
     }
     __syncthreads();
@@ -338,8 +318,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
 #pragma unroll 1
     for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
         const uint32_t site = w.sites.site[a];
-        const uint2 touch = w.c.touches[(~w.tag & 1) * MAX_SITES + site];
-        Vec velocity{0, 0, 0}, sum{0, 0, 0};
+        Vec velocity{0, 0, 0};
         float reach = 0.0f;
 #pragma unroll 4
         for (uint32_t i = 0; i < row; ++i) {
@@ -349,14 +328,13 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             reach += fabsf(weight) * w.c.changes[w.c.site_carriers[i * MAX_SITES + site].name].w;
         }
         for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
-            const Impulse guess = guess_of(w, touch, k);
             const Known known = known_of(w, k, velocity, 1.0f / reach);
+            const Impulse start = start_of(known);
             w.points.at(BEFORE, k) = with(known.before, known.mass);
-            w.points.at(IMPULSE, k) = w.points.at(LAST, k) = with(guess.drag, guess.push);
-            sum = sum + impulse_of(known, guess);
-            atomicMax(w.largest, __float_as_uint(guess.push));
+            w.points.at(IMPULSE, k) = w.points.at(LAST, k) = with(start.drag, start.push);
+            atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
         }
-        w.c.impulses[a] = with(sum, 0.0f);
+        w.c.impulses[a] = make_float4(0, 0, 0, 0);
     }
     __syncthreads();
     const float small = CONVERGED * __uint_as_float(*w.largest);
@@ -450,7 +428,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __shared__ View now[MAX_TOOLS], before[MAX_TOOLS];
     __shared__ float4 mirror[(IMPULSE + 1) * GROUPS];
     __shared__ double given[7 * GROUPS];
-    __shared__ uint2 touched[GROUPS];
     __shared__ uint32_t largest, last_active;
     const uint32_t thread = threadIdx.x;
     const Step& step = *pass.step;
@@ -466,8 +443,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     for (uint32_t i = EARLY_TOOLS * TOOL_WORDS + thread; i < count_of_tools * TOOL_WORDS; i += THREADS) reinterpret_cast<uint32_t*>(tools)[i] = tool_words[i];
     if (thread == 0) largest = 0;
     const Points few{mirror, GROUPS};
-    Points all, old;
-    uint32_t tag;
+    const Points all{c.points, MAX_POINTS};
+    uint32_t round;
 
     // Find the points inside tools, in the order of sites and tools. What lies behind the last site is read as well: that is
     // quicker than to wait for their number.
@@ -492,9 +469,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         if (first == 0) {
             wait_for_previous();
             let_next_start();
-            tag = c.counts[TAG] + 1;
-            all = {c.points + (tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
-            old = {c.points + (~tag & 1) * POINT_FIELDS * MAX_POINTS, MAX_POINTS};
+            round = c.counts[ROUND] + 1;
         }
         const uint32_t diverged_at = *pass.diverged_at;
         Vec moved{0, 0, 0}, came{0, 0, 0};
@@ -504,7 +479,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         for (uint32_t i = LANES; i < row; ++i) {
             moved = moved + vec(pass.u_next[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
         }
-        const uint2 touch = c.touches[(~tag & 1) * MAX_SITES + site];
         if (first == 0 && moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
         if (follow) {
 #pragma unroll 1
@@ -528,15 +502,15 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         Probe p;
         uint32_t looked_at = ~0u;
 #pragma unroll 1
-        for (int round = 0; round < 2; ++round) {
+        for (int look = 0; look < 2; ++look) {
 #pragma unroll 1
             for (uint32_t t = 0; t < count_of_tools && site < sites; ++t) {
-                if (round == 1 && (k == end || !(met >> t & 1))) continue;
+                if (look == 1 && (k == end || !(met >> t & 1))) continue;
                 const ToolStep& tool = tools[t];
-                if (t != looked_at) p = probe(parts, tool, now[t], before[t], {vec(rest), moved, came, edge, int(names.y >> 16)});
+                if (t != looked_at) p = probe(parts, tool, now[t], before[t], {vec(rest), moved, came, edge, int(names.y)});
                 looked_at = t;
                 const float depth = -p.met.distance;
-                if (round == 0) {
+                if (look == 0) {
                     met |= uint64_t(depth > 0.0f) << t;
                     continue;
                 }
@@ -549,7 +523,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                                      : moment.is_last ? -mass * depth / dt
                                                       : 0.0f;
                 const float4 normal = with(n, target), at = with(p.at, depth);
-                const float4 named = make_float4(__uint_as_float(t), __uint_as_float(names.x), __uint_as_float(names.y), 0.0f);
+                const float4 named = make_float4(__uint_as_float(t), __uint_as_float(names.x), 0.0f, 0.0f);
                 all.at(NORMAL, k) = normal;
                 all.at(AT, k) = at;
                 all.at(NAMES, k) = named;
@@ -560,7 +534,7 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                 }
                 ++k;
             }
-            if (round == 1) continue;
+            if (look == 1) continue;
             mine = min(__popcll(met), MOST_OF_SITE);
             uint32_t total;
             const uint32_t sum = scan<WARPS>(mine | (mine ? 1u << 16 : 0), total), a = active + (sum >> 16);
@@ -579,8 +553,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             if (end == MAX_POINTS) last_active = a + 1;
             actives.site[a] = site;
             actives.first[a] = k;
-            c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(tag, k | (end - k) << 16);
-            if (a < GROUPS) touched[a] = touch;
             is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED && row == LANES;
         }
     }
@@ -589,12 +561,12 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     if (thread == 0) {
         actives.first[active] = count;
         c.counts[POINTS] = count;
-        c.counts[TAG] = tag;
+        c.counts[ROUND] = round;
         c.counts[PUSHED] = 0;
     }
     if (count == 0) return;
     __syncthreads();
-    const Work work{c, pass, step, tools, actives, is_small ? few : all, old, tag, active, &largest, touched};
+    const Work work{c, pass, step, tools, actives, is_small ? few : all, round, active, &largest};
     if (is_small) {
         resolve_few(work, all);
     } else {

@@ -3,6 +3,9 @@
 // The brick and the one-node halo around it are staged in shared memory. Every node then gathers its 26 springs and, where a material asks for
 // it, the volume terms of its eight cells. A spring is so evaluated at both of its ends, with operands that differ only in sign: equal and opposite
 // to the last bit, in an order that is always the same.
+//
+// Where some bricks sleep, blocks take those that are awake from a list, and now and then the sleeping ones beside them as well, to see whether they would
+// move; see sleep.cu.
 #include "block.cuh"
 #include "clock.cuh"
 #include "law.cuh"
@@ -168,20 +171,23 @@ __device__ __forceinline__ float warp_sum(float x) {
     return x;
 }
 
-template <bool VOLUME, bool DAMPED>
-__device__ __forceinline__ void substep(const Pass& pass) {
+// One brick; of one that sleeps it is only seen how it would accelerate.
+template <bool VOLUME, bool DAMPED, bool SLEEPS>
+__device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, const bool is_asleep) {
     __shared__ Shared<VOLUME, DAMPED> s;
     __shared__ float cells[VOLUME ? 9 : 1][VOLUME ? CELLS : 1];
     __shared__ Mark marks[BRICK_NODES / 32];
 
     // What never changes comes first. Every warp keeps the 27 bricks in its lanes.
-    const uint32_t brick = blockIdx.x, node = threadIdx.x, lane = node & 31;
+    const uint32_t node = threadIdx.x, lane = node & 31;
     const size_t slot = size_t(brick) * BRICK_NODES + node;
     const uint32_t around = pass.neighbours[brick * 27 + (lane < 27 ? lane : 0)], flags = pass.flags[slot];
     if (node < 16) s.laws[node] = pass.laws[node];
-    wait_for_previous();
-    let_next_start();
-    note_start(pass);
+    if constexpr (!SLEEPS) {
+        wait_for_previous();
+        let_next_start();
+        note_start(pass);
+    }
 
     // Once a substep has gone wrong, those behind it leave its state as it is.
     if (*pass.diverged_at < pass.substep) return;
@@ -275,6 +281,12 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     if (flags & 1) a.x = v.x = 0.0f;
     if (flags & 2) a.y = v.y = 0.0f;
     if (flags & 4) a.z = v.z = 0.0f;
+    const float acceleration2 = a.x * a.x + (a.y * a.y + a.z * a.z);
+    if (SLEEPS && is_asleep) {
+        // Squares, as numbers or as bits, are in the same order.
+        if (mass > 0.0f) atomicMax(reinterpret_cast<uint32_t*>(&pass.marks[brick].acceleration2), __float_as_uint(acceleration2));
+        return;
+    }
     const float4 next = make_float4(own.x + v.x * dt, own.y + v.y * dt, own.z + v.z * dt, own.w);
     pass.u_next[slot] = next;
     pass.v_next[brick * (3 * BRICK_NODES) + node] = v.x;
@@ -294,9 +306,7 @@ __device__ __forceinline__ void substep(const Pass& pass) {
             const float lx = n.x - own.x + (i == 0 ? h : 0.0f), ly = n.y - own.y + (i == 1 ? h : 0.0f), lz = n.z - own.z + (i == 2 ? h : 0.0f);
             if (beside[i]) strain = fmaxf(strain, fabsf(elongation(lx * lx + (ly * ly + lz * lz), h)));
         }
-        const Mark mine{warp_max(speed2), warp_max(a.x * a.x + (a.y * a.y + a.z * a.z)),
-                        warp_max(next.x * next.x + (next.y * next.y + next.z * next.z)), warp_sum(mass * speed2), warp_max(strain), warp_max(swelling),
-                        warp_max(shrinking)};
+        const Mark mine{warp_max(speed2), warp_max(acceleration2), warp_sum(mass * speed2), warp_max(strain), warp_max(swelling), warp_max(shrinking)};
         if (lane == 0) marks[node / 32] = mine;
         __syncthreads();
         if (node == 0) {
@@ -304,7 +314,6 @@ __device__ __forceinline__ void substep(const Pass& pass) {
             for (int w = 1; w < BRICK_NODES / 32; ++w) {
                 all.speed2 = fmaxf(all.speed2, marks[w].speed2);
                 all.acceleration2 = fmaxf(all.acceleration2, marks[w].acceleration2);
-                all.displacement2 = fmaxf(all.displacement2, marks[w].displacement2);
                 all.vis_viva += marks[w].vis_viva;
                 all.strain = fmaxf(all.strain, marks[w].strain);
                 all.swelling = fmaxf(all.swelling, marks[w].swelling);
@@ -315,11 +324,31 @@ __device__ __forceinline__ void substep(const Pass& pass) {
     }
 }
 
+// The bricks that are awake and, in substeps that leave marks, those that are watched.
+template <bool VOLUME, bool DAMPED>
+__device__ __forceinline__ void advance_awake(const Pass& pass, const Sleep& sleep) {
+    wait_for_previous();
+    let_next_start();
+    note_start(pass);
+    const uint32_t awake = sleep.counts[AWAKE], all = awake + (pass.mark ? sleep.counts[WATCHED] : 0);
+#pragma unroll 1
+    for (uint32_t i = blockIdx.x; i < all; i += gridDim.x) {
+        advance<VOLUME, DAMPED, true>(pass, i < awake ? sleep.awake[i] : sleep.watched[i - awake], i >= awake);
+        __syncthreads();
+    }
+}
+
 }  // namespace lattice_kernel
 using namespace lattice_kernel;
 
-#define PLP_LATTICE(NAME, VOLUME, DAMPED) \
-    extern "C" __global__ void __launch_bounds__(BRICK_NODES) NAME(const __grid_constant__ Pass pass) { substep<VOLUME, DAMPED>(pass); }
+#define PLP_LATTICE(NAME, VOLUME, DAMPED)                                                                                         \
+    extern "C" __global__ void __launch_bounds__(BRICK_NODES) NAME(const __grid_constant__ Pass pass) {                           \
+        advance<VOLUME, DAMPED, false>(pass, blockIdx.x, false);                                                                  \
+    }                                                                                                                             \
+    extern "C" __global__ void __launch_bounds__(BRICK_NODES)                                                                     \
+        NAME##_awake(const __grid_constant__ Pass pass, const __grid_constant__ Sleep sleep) {                                    \
+        advance_awake<VOLUME, DAMPED>(pass, sleep);                                                                               \
+    }
 PLP_LATTICE(lattice_plain, false, false)
 PLP_LATTICE(lattice_volume, true, false)
 PLP_LATTICE(lattice_damped, false, true)

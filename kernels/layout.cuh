@@ -65,12 +65,14 @@ struct Step {
 struct Mark {
     float speed2;
     float acceleration2;
-    float displacement2;
     float vis_viva;
     float strain;
     float swelling;
     float shrinking;
 };
+
+// Places in Sleep::counts: bricks that are awake, sleeping ones beside them, and nodes in the former.
+enum SleepCount { AWAKE, WATCHED, AWAKE_NODES, SLEEP_COUNTS };
 
 // How a step went, written by the device into the host's memory; `sequence` last.
 struct Report {
@@ -80,7 +82,8 @@ struct Report {
     float strain;
     float swelling;
     float shrinking;
-    float displacement2;
+    // Numbers of Sleep::counts; 0 where nothing may sleep.
+    uint32_t awake[SLEEP_COUNTS];
     double vis_viva;
     uint32_t contact_points;
     uint32_t dropped_points;
@@ -112,6 +115,22 @@ struct Pass {
     uint32_t substep;
     // Whether marks are wanted.
     uint32_t mark;
+    // Bricks that may not sleep, for a tool is near them, or something else acts on them.
+    uint8_t* near_tools;  // [bricks + 1]
+    uint8_t* acted_on;    // [bricks + 1]
+};
+
+// Which bricks sleep. What stands for every brick that is not there sleeps for ever.
+struct Sleep {
+    uint32_t bricks;
+    // Below which a brick is quiet, squared; and above which a sleeping one wakes.
+    float speed2, acceleration2, wake2;
+    uint8_t* asleep;           // [bricks + 1]
+    uint8_t* quiet;            // [bricks]: for how many substeps, 255 at most
+    const uint8_t* nodes_in;   // [bricks]
+    uint32_t* awake;           // [bricks]
+    uint32_t* watched;         // [bricks]
+    uint32_t* counts;
 };
 
 // Place of a slot's velocity along x; y and z follow at distances of BRICK_NODES.
@@ -162,9 +181,9 @@ struct Drive {
     const Motion* motions;  // [substeps][regions]: at the end of each substep
 };
 
-// Places in Contact::counts: near elements, vertices and divided triangles; listed sites, the nodes that carry them, and their loads; what found no room; points and the time they
-// belong to; and how many of them push.
-enum Count { NEAR, SITES, CARRIERS, LOADS, DROPPED, POINTS, TAG, PUSHED, COUNTS };
+// Places in Contact::counts: near elements, vertices and divided triangles; listed sites, the nodes that carry them, and their loads; what found no room;
+// points, and how many of them push; and how often points were looked for.
+enum Count { NEAR, SITES, CARRIERS, LOADS, DROPPED, POINTS, PUSHED, ROUND, COUNTS };
 
 // A point of the surface inside a tool: four numbers a field, each an array over the points.
 enum PointField {
@@ -172,7 +191,7 @@ enum PointField {
     NORMAL,
     // From the tool's origin, model axes; and the depth.
     AT,
-    // Whole numbers: tool, and what names its site.
+    // Whole numbers: tool and element.
     NAMES,
     // Impulse on the tissue in N s, across the normal and along it.
     IMPULSE,
@@ -225,7 +244,7 @@ struct Contact {
     float4* site_rest;
     float4* site_own;
     float* site_edges;  // those by which it depends on a tool's part whether it meets them
-    uint2* site_names;  // element; and into how many parts its edges are divided << 16 | which of the small triangles
+    uint2* site_names;  // element, and into how many parts its edges are divided
     uint32_t* site_slots;     // [MAX_ROW][MAX_SITES]
     float* site_weights;      // [MAX_ROW][MAX_SITES]
     Carrier* site_carriers;   // [MAX_ROW][MAX_SITES]
@@ -246,11 +265,9 @@ struct Contact {
     float4* changes;
     // Impulses on active sites, where they are many.
     float4* impulses;  // [MAX_POINTS]
-    // The points on each site, at two times in turn: time, and first | count << 16.
-    uint2* touches;  // [2][MAX_SITES]
     // What points give to their tools: impulse, moment, work.
     double* given;  // [7][MAX_POINTS]
-    float4* points;  // [2][POINT_FIELDS][MAX_POINTS]
+    float4* points;  // [POINT_FIELDS][MAX_POINTS]
     ToolSum* sums;
 };
 

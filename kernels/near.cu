@@ -121,7 +121,11 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_near(const __grid_
     note_start(pass);
     const Step& step = *pass.step;
     const uint32_t i = blockIdx.x * THREADS + threadIdx.x;
-    for (uint32_t k = i; k < c.counts[CARRIERS]; k += gridDim.x * THREADS) c.carrier_at[c.carriers[k].slot] = NONE;
+    for (uint32_t k = i; k < c.counts[CARRIERS]; k += gridDim.x * THREADS) {
+        const uint32_t slot = c.carriers[k].slot;
+        c.carrier_at[slot] = NONE;
+        pass.near_tools[slot / BRICK_NODES] = 0;
+    }
     if (threadIdx.x < step.tool_count) views[threadIdx.x] = view_of(step.tools[threadIdx.x], 1.0f);
     __syncthreads();
     bool near = false;
@@ -168,7 +172,7 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
     }
 }
 
-// Makes the sites, each with the nodes that carry it and with the last list's points on it.
+// Makes the sites, each with the nodes that carry it.
 extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t site = blockIdx.x * THREADS + threadIdx.x;
     if (site >= c.counts[SITES]) return;
@@ -182,7 +186,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         }
     }
     const uint32_t element = c.near[at];
-    uint32_t small = 0, division = 1;
+    uint32_t division = 1;
     float most = 0.0f;
     // Who is first to put weight on a node makes a carrier of it.
     const auto put = [&](uint32_t place, uint32_t slot, float weight) {
@@ -209,7 +213,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
     } else {
         const uint32_t triangle = element - c.first_triangle, *corners = c.corners + 3 * triangle;
         c.site_edges[site] = c.triangle_edges[triangle];
-        small = site - c.near_starts[at];
+        uint32_t small = site - c.near_starts[at];
         for (uint32_t all = c.divisions[triangle];; all &= all - 1, small -= division * division) {
             division = __ffs(all);
             if (small < division * division) break;
@@ -235,22 +239,11 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         for (uint32_t i = 0; i < MAX_ROW; ++i) put(i, i < count ? slots[i] : 0, i < count ? weights[i] : 0.0f);
     }
     c.site_rest[site] = make_float4(rest.x, rest.y, rest.z, most);
-    const uint2 name{element, small | division << 16};
-    c.site_names[site] = name;
-    // Points of the last time keep their names; they lie in the order of their sites.
-    const uint32_t tag = c.counts[TAG], count_of_points = c.counts[POINTS];
-    const float4* const names = c.points + ((tag & 1) * POINT_FIELDS + NAMES) * MAX_POINTS;
-    uint32_t first = 0, points = 0;
-#pragma unroll 8
-    for (uint32_t k = 0; k < count_of_points; ++k) {
-        if (__float_as_uint(names[k].y) != name.x || __float_as_uint(names[k].z) != name.y) continue;
-        if (points++ == 0) first = k;
-    }
-    c.touches[(tag & 1) * MAX_SITES + site] = make_uint2(points ? tag : tag - 2, first | points << 16);
+    c.site_names[site] = make_uint2(element, division);
 }
 
-// Which sites each node carries, in their order: a warp for each node.
-extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid_constant__ Contact c) {
+// Which sites each node carries, in their order: a warp for each node. Its brick stays awake.
+extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t lane = threadIdx.x & 31, sites = c.counts[SITES], carriers = c.counts[CARRIERS], row = row_length(c);
     for (uint32_t carrier = blockIdx.x * WARPS + threadIdx.x / 32; carrier < carriers; carrier += gridDim.x * WARPS) {
         const Carrier known = c.carriers[carrier];
@@ -281,7 +274,9 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid
                 start = __shfl_sync(~0u, start, 0);
             }
         }
-        if (lane == 0) c.carriers[carrier] = {known.slot, start, count, carrier};
+        if (lane > 0) continue;
+        c.carriers[carrier] = {known.slot, start, count, carrier};
+        pass.near_tools[known.slot / BRICK_NODES] = 1;
     }
 }
 

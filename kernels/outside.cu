@@ -1,6 +1,6 @@
 // What acts on the tissue besides tools, after every substep: loads, and rigid regions that are driven. And kinetic damping, by which it settles.
-#include "contact.cuh"
 #include "layout.cuh"
+#include "tool.cuh"
 
 namespace outside_kernel {
 
@@ -9,8 +9,6 @@ constexpr int THREADS = 128, JUDGE_THREADS = 1024;
 
 // Whether this substep went wrong, or one before it: then its state is as good as gone.
 __device__ bool is_lost(const Pass& pass) { return *pass.diverged_at <= pass.substep; }
-
-__device__ Vec vec(const float* v) { return {v[0], v[1], v[2]}; }
 
 // From one corner of a face to the one across, before this substep, so that faces do not see what loads do in it.
 __device__ Vec diagonal(const Pass& pass, const Pressed& face, int first) {
@@ -40,6 +38,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) push(const __grid_constant
     pass.v_next[at + BRICK_NODES] += dv.y;
     pass.v_next[at + 2 * BRICK_NODES] += dv.z;
     const float4 u = pass.u_next[node.slot];
+    pass.acted_on[node.slot / BRICK_NODES] = 1;
     pass.u_next[node.slot] = make_float4(u.x + dv.x * step.dt, u.y + dv.y * step.dt, u.z + dv.z * step.dt, u.w);
 }
 
@@ -57,6 +56,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) drive(const __grid_constan
     pass.v_next[at] = v.x;
     pass.v_next[at + BRICK_NODES] = v.y;
     pass.v_next[at + 2 * BRICK_NODES] = v.z;
+    pass.acted_on[node.slot / BRICK_NODES] = 1;
     pass.u_next[node.slot] = make_float4(moved.x, moved.y, moved.z, u.w);
 }
 

@@ -7,7 +7,7 @@ namespace report_kernel {
 
 // Numbers of a mark. Threads read four numbers each, side by side; as their count is a multiple of a mark's numbers, a thread meets
 // the same four fields in every round.
-constexpr uint32_t FIELDS = sizeof(Mark) / sizeof(float), THREADS = 64 * FIELDS, SEEN = 4 * THREADS / FIELDS;
+constexpr uint32_t FIELDS = sizeof(Mark) / sizeof(float), THREADS = 96 * FIELDS, SEEN = 4 * THREADS / FIELDS;
 constexpr uint32_t VIS_VIVA = offsetof(Mark, vis_viva) / sizeof(float);
 // The report before the tools' sums, and a tool's sums.
 constexpr uint32_t HEAD = offsetof(Report, sums) / sizeof(uint32_t), SUMS = sizeof(ToolSum) / sizeof(double);
@@ -34,7 +34,8 @@ using namespace report_kernel;
 
 // `marks` has room for a multiple of four of them, zeros behind the last; `quads` is a quarter of their numbers.
 extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __restrict__ marks, uint32_t quads, const Step* step, uint32_t* diverged_at,
-                                                             const uint64_t* started, const uint32_t* contact, const ToolSum* sums, Report* report) {
+                                                             const uint64_t* started, const uint32_t* contact, const ToolSum* sums,
+                                                             const uint32_t* awake, Report* report) {
     __shared__ float4 largest_of[THREADS];
     __shared__ double sum_of[SEEN];
     // What goes to the host at once, in one write.
@@ -48,6 +49,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
         told->diverged_at = *diverged_at;
         told->contact_points = tools ? contact[PUSHED] : 0;
         told->dropped_points = contact[DROPPED];
+        for (int i = 0; i < SLEEP_COUNTS; ++i) told->awake[i] = awake ? awake[i] : 0;
         *diverged_at = ~0u;
     }
 
@@ -73,7 +75,6 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
         if (lane == 0) {
             switch (warp * sizeof(float)) {
                 case offsetof(Mark, speed2): told->speed2 = all; break;
-                case offsetof(Mark, displacement2): told->displacement2 = all; break;
                 case offsetof(Mark, strain): told->strain = all; break;
                 case offsetof(Mark, swelling): told->swelling = all; break;
                 case offsetof(Mark, shrinking): told->shrinking = all; break;

@@ -4,6 +4,8 @@
 mod gpu;
 #[path = "cuda/outside.rs"]
 mod outside;
+#[path = "cuda/sleep.rs"]
+mod sleep;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

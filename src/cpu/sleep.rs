@@ -15,7 +15,7 @@ const QUIET_SUBSTEPS: u8 = 32;
 /// Every so many substeps the neighbours of awake bricks are looked at.
 const WATCH_EVERY: u64 = 4;
 /// A sleeper wakes at this multiple of the acceleration below which it may sleep.
-const WAKE_FACTOR: f32 = 2.0;
+pub const WAKE_FACTOR: f32 = 2.0;
 
 /// What sleep may hide of a displacement at worst, in cells.
 const HIDDEN: f64 = 3e-2;

@@ -26,8 +26,6 @@ const LIST_THREADS: u32 = 1024;
 const THREADS: u32 = 512;
 /// Blocks that work out what sites have to do with each other: two or so for each processor of a large GPU.
 const COUPLE_BLOCKS: u32 = 256;
-/// Nothing near, nothing dropped. The tag starts at 1: what was never tagged is 0, and belongs to no time.
-const FRESH_COUNTS: [u32; count::COUNTS] = [0, 0, 0, 0, 0, 0, 1, 0];
 /// Numbers of a [`ToolSum`].
 const SUMS: usize = 7;
 /// No carrier.
@@ -129,7 +127,6 @@ pub struct ContactSurface {
     moved: Buffer<[u32; 2]>,
     changes: Buffer<[f32; 4]>,
     impulses: Buffer<[f32; 4]>,
-    touches: Buffer<[u32; 2]>,
     given: Buffer<f64>,
     points: Buffer<[f32; 4]>,
     sums: Buffer<ToolSum>,
@@ -196,7 +193,7 @@ impl ContactSurface {
             near: Buffer::zeros(stream, MAX_SITES)?,
             near_starts: Buffer::zeros(stream, MAX_SITES)?,
             divisions: Buffer::zeros(stream, surface.triangles.len())?,
-            counts: Buffer::of(stream, &FRESH_COUNTS)?,
+            counts: Buffer::zeros(stream, count::COUNTS)?,
             site_rest: Buffer::zeros(stream, MAX_SITES)?,
             site_own: Buffer::zeros(stream, MAX_SITES)?,
             site_edges: Buffer::zeros(stream, MAX_SITES)?,
@@ -215,9 +212,8 @@ impl ContactSurface {
             moved: Buffer::zeros(stream, rows)?,
             changes: Buffer::zeros(stream, rows)?,
             impulses: Buffer::zeros(stream, MAX_POINTS)?,
-            touches: Buffer::zeros(stream, 2 * MAX_SITES)?,
             given: Buffer::zeros(stream, SUMS * MAX_POINTS)?,
-            points: Buffer::zeros(stream, 2 * point::FIELDS * MAX_POINTS)?,
+            points: Buffer::zeros(stream, point::FIELDS * MAX_POINTS)?,
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
             known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
@@ -326,14 +322,13 @@ impl ContactSurface {
             moved: self.moved.at(),
             changes: self.changes.at(),
             impulses: self.impulses.at(),
-            touches: self.touches.at(),
             given: self.given.at(),
             points: self.points.at(),
             sums: self.sums.at(),
         }
     }
 
-    /// Asks the stream for contact's part of a substep before the nodes move: to list sites where the plan says so.
+    /// Asks the stream for contact's part of a substep before the nodes move: to list sites where the plan says so. Gives whether it does.
     ///
     /// # Safety
     /// `pass` is that of the substep, and outlives the work.
@@ -344,11 +339,11 @@ impl ContactSurface {
         pass: &mut Pass,
         plan: Plan,
         substeps: u32,
-    ) -> Result<()> {
+    ) -> Result<bool> {
         let part = |substep: u32| u64::from(substep) * u64::from(plan.lists) / u64::from(substeps);
         let begins = pass.substep == 1 || part(pass.substep - 1) != part(pass.substep - 2);
         if plan.lists == 0 || !begins {
-            return Ok(());
+            return Ok(false);
         }
         let mut contact = self.contact(plan);
         let elements = if plan.divides { self.triangles } else { self.vertices };
@@ -366,7 +361,7 @@ impl ContactSurface {
             // Only the first kernel of a step notes when it began.
             pass.started = 0;
         }
-        Ok(())
+        Ok(true)
     }
 
     /// Asks the stream to push the tissue out of the tools at the end of a substep.
@@ -417,7 +412,7 @@ impl ContactSurface {
         let mut counts = [0; count::COUNTS];
         self.counts.read(0, &mut counts)?;
         let mut fields = vec![[0.0; 4]; point::FIELDS * MAX_POINTS];
-        self.points.read((counts[count::TAG] as usize & 1) * fields.len(), &mut fields)?;
+        self.points.read(0, &mut fields)?;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         let at = |field: usize, k: usize| fields[field * MAX_POINTS + k];
         let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(at(field, k)[axis]));
@@ -442,11 +437,9 @@ impl ContactSurface {
     /// Forgets all contacts.
     pub fn clear(&mut self) -> Result<()> {
         self.lose_track();
-        // Times begin anew.
-        self.counts.write(0, &FRESH_COUNTS)?;
+        self.counts.clear()?;
         self.claimed.clear()?;
-        self.carrier_at.fill(NONE)?;
-        self.touches.clear()
+        self.carrier_at.fill(NONE)
     }
 }
 

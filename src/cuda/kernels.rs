@@ -32,6 +32,7 @@ macro_rules! image {
 }
 
 const LATTICE: Image = image!("lattice");
+const SLEEP: Image = image!("sleep");
 const NEAR: Image = image!("near");
 const CONTACT: Image = image!("contact");
 const SURFACE: Image = image!("surface");
@@ -134,8 +135,12 @@ pub struct Kernel {
 /// All kernels of a simulation.
 #[derive(Debug)]
 pub struct Kernels {
-    /// One substep.
+    /// One substep, of all bricks and of those that are awake.
     pub substep: Kernel,
+    pub substep_awake: Kernel,
+    /// Who sleeps, and the list of those who do not.
+    pub doze: Kernel,
+    pub muster: Kernel,
     /// Marks what tools may meet.
     pub contact_near: Kernel,
     /// Lists it.
@@ -146,7 +151,7 @@ pub struct Kernels {
     pub contact_carry: Kernel,
     /// Finds what sites have to do with each other.
     pub contact_couple: Kernel,
-    /// Pushes the tissue out of the tools: where sites are vertices, and where they lie inside triangles.
+    /// Pushes the tissue out of the tools.
     pub contact: Kernel,
     /// Pushes what is loaded, and drives rigid regions.
     pub push: Kernel,
@@ -160,7 +165,7 @@ pub struct Kernels {
     pub surface_normals: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 6],
+    _modules: [Module; 7],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -175,16 +180,20 @@ impl Kernels {
     /// Loads what a driver of a CUDA version takes.
     fn load_as(version: i32, device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
         let module = |image: Image| Module::load(device, &image.of_version(version));
-        let (lattice, near, contact) = (module(LATTICE)?, module(NEAR)?, module(CONTACT)?);
+        let (lattice, sleep) = (module(LATTICE)?, module(SLEEP)?);
+        let (near, contact) = (module(NEAR)?, module(CONTACT)?);
         let (outside, surface, report) = (module(OUTSIDE)?, module(SURFACE)?, module(REPORT)?);
-        let substep = match (volumetric, damped) {
-            (false, false) => c"lattice_plain",
-            (true, false) => c"lattice_volume",
-            (false, true) => c"lattice_damped",
-            (true, true) => c"lattice_volume_damped",
+        let [substep, substep_awake] = match (volumetric, damped) {
+            (false, false) => [c"lattice_plain", c"lattice_plain_awake"],
+            (true, false) => [c"lattice_volume", c"lattice_volume_awake"],
+            (false, true) => [c"lattice_damped", c"lattice_damped_awake"],
+            (true, true) => [c"lattice_volume_damped", c"lattice_volume_damped_awake"],
         };
         Ok(Self {
             substep: lattice.overlapping_function(substep)?,
+            substep_awake: lattice.overlapping_function(substep_awake)?,
+            doze: sleep.function(c"doze")?,
+            muster: sleep.function(c"muster")?,
             contact_near: near.function(c"contact_near")?,
             contact_list: near.function(c"contact_list")?,
             contact_sites: near.function(c"contact_sites")?,
@@ -198,7 +207,7 @@ impl Kernels {
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
             report: report.function(c"report")?,
-            _modules: [lattice, near, contact, outside, surface, report],
+            _modules: [lattice, sleep, near, contact, outside, surface, report],
         })
     }
 }
@@ -250,7 +259,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 6] = [LATTICE, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT];
+    const IMAGES: [Image; 7] = [LATTICE, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -159,9 +159,9 @@ impl Default for Step {
 }
 
 /// What a substep saw in one brick.
-pub const MARK_BYTES: usize = 28;
-/// Threads of the block that reports: 64 for each number of a mark.
-pub const REPORT_THREADS: u32 = 64 * (MARK_BYTES as u32 / 4);
+pub const MARK_BYTES: usize = 24;
+/// Threads of the block that reports: 96 for each number of a mark.
+pub const REPORT_THREADS: u32 = 96 * (MARK_BYTES as u32 / 4);
 
 /// How a step went.
 #[derive(Clone, Copy, Debug)]
@@ -172,7 +172,7 @@ pub struct Report {
     pub strain: f32,
     pub swelling: f32,
     pub shrinking: f32,
-    pub displacement2: f32,
+    pub awake: [u32; sleepers::COUNTS],
     pub vis_viva: f64,
     pub contact_points: u32,
     pub dropped_points: u32,
@@ -196,7 +196,7 @@ impl Default for Report {
             strain: 0.0,
             swelling: 0.0,
             shrinking: 0.0,
-            displacement2: 0.0,
+            awake: [0; sleepers::COUNTS],
             vis_viva: 0.0,
             contact_points: 0,
             dropped_points: 0,
@@ -228,6 +228,33 @@ pub struct Pass {
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,
+    pub near_tools: CUdeviceptr,
+    pub acted_on: CUdeviceptr,
+}
+
+/// Which bricks sleep.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Sleep {
+    pub bricks: u32,
+    pub speed2: f32,
+    pub acceleration2: f32,
+    pub wake2: f32,
+    pub asleep: CUdeviceptr,
+    pub quiet: CUdeviceptr,
+    pub nodes_in: CUdeviceptr,
+    pub awake: CUdeviceptr,
+    pub watched: CUdeviceptr,
+    pub counts: CUdeviceptr,
+}
+
+/// Places in [`Sleep::counts`].
+pub mod sleepers {
+    pub const AWAKE: usize = 0;
+    pub const WATCHED: usize = 1;
+    pub const AWAKE_NODES: usize = 2;
+    /// How many there are.
+    pub const COUNTS: usize = 3;
 }
 
 /// A node that loads push.
@@ -316,7 +343,6 @@ pub struct Drive {
 /// Places in [`Contact::counts`].
 pub mod count {
     pub const POINTS: usize = 5;
-    pub const TAG: usize = 6;
     /// How many there are.
     pub const COUNTS: usize = 8;
 }
@@ -388,7 +414,6 @@ pub struct Contact {
     pub moved: CUdeviceptr,
     pub changes: CUdeviceptr,
     pub impulses: CUdeviceptr,
-    pub touches: CUdeviceptr,
     pub given: CUdeviceptr,
     pub points: CUdeviceptr,
     pub sums: CUdeviceptr,

@@ -11,6 +11,7 @@ mod kernels;
 mod layout;
 mod memory;
 mod outside;
+mod sleep;
 pub mod solver;
 mod surface;
 #[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names

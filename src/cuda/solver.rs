@@ -8,6 +8,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
+use cudarc::driver::sys::CUdeviceptr;
+
 use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
@@ -16,7 +18,9 @@ use super::layout::{Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step};
 use super::memory::{Buffer, Pinned, Stream};
 use super::outside::{self, Outside};
 use super::pointer;
+use super::sleep::{self, Sleep};
 use super::surface::SurfaceOnDevice;
+use crate::cpu::sleep::Thresholds;
 use crate::cpu::stability;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -46,10 +50,11 @@ pub struct CudaSolver {
     report: Pinned<Report>,
     contact: ContactSurface,
     outside: Outside,
+    sleep: Sleep,
     /// Surfaces that were shown.
     surfaces: Vec<Option<SurfaceOnDevice>>,
-    /// Recorded steps by the number of their substeps, the copy of `u` that they start from, what contact does, and what acts besides.
-    graphs: HashMap<(u32, usize, Plan, outside::Plan), Graph>,
+    /// Recorded steps by how many substeps they have, the copy of `u` that they start from, and what they do.
+    graphs: HashMap<(u32, usize, Plans), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
     speed: f64,
     /// Sum of m v² then, in J; 0 where velocities have just been cleared.
@@ -66,6 +71,14 @@ pub struct CudaSolver {
     mirror: RefCell<Option<Mirror>>,
     /// The first failure of a call that has no way to tell it: the state is lost.
     lost: RefCell<Option<String>>,
+}
+
+/// What a step does besides moving the lattice.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Plans {
+    contact: Plan,
+    outside: outside::Plan,
+    sleep: sleep::Plan,
 }
 
 /// What lies on the device.
@@ -127,7 +140,7 @@ impl State {
     }
 
     /// What substep number `substep` of a step reads and writes, when the step starts at copy `start` of `u`.
-    fn pass(&self, start: usize, substep: u32, mark: bool) -> Pass {
+    fn pass(&self, start: usize, substep: u32, mark: bool, kept: [CUdeviceptr; 2]) -> Pass {
         let from = (start + substep as usize + 1) % 2;
         let v = |copy: usize| self.v[copy % self.v.len()].at();
         Pass {
@@ -145,6 +158,8 @@ impl State {
             cell: self.cell,
             substep,
             mark: u32::from(mark),
+            near_tools: kept[0],
+            acted_on: kept[1],
         }
     }
 
@@ -175,6 +190,7 @@ impl CudaSolver {
             report: Pinned::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
             outside: Outside::new(model, &stream)?,
+            sleep: Sleep::new(model, &stream)?,
             surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
             speed: 0.0,
@@ -192,7 +208,10 @@ impl CudaSolver {
             stream,
         };
         let damping = laws.iter().map(|law| law.damping_s).fold(0.0, f64::max);
-        solver.stable_dt = stability::stable_dt(solver.highest_frequency()?, damping);
+        let omega = solver.highest_frequency()?;
+        solver.stable_dt = stability::stable_dt(omega, damping);
+        let thresholds = Thresholds::new(model.lattice().cell_m(), omega, f64::from(f32::EPSILON));
+        solver.sleep.set_thresholds(thresholds);
         solver.rest()?;
         Ok(solver)
     }
@@ -205,6 +224,7 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         self.state.diverged_at.fill(SOUND)?;
         self.contact.clear()?;
+        self.sleep.wake_all()?;
         self.dropped_before = self.dropped;
         self.speed = 0.0;
         self.vis_viva = 0.0;
@@ -213,28 +233,28 @@ impl CudaSolver {
     }
 
     /// Asks for one step of `substeps` substeps.
-    fn ask(&mut self, step: Step, substeps: u32, contact: Plan, outside: outside::Plan) -> Result<()> {
+    fn ask(&mut self, step: Step, substeps: u32, plans: Plans) -> Result<()> {
         let start = self.state.current;
         // SAFETY: the last step has been reported, so the device reads the record no more.
         unsafe { self.step.host().write(step) };
-        let key = (substeps, start, contact, outside);
+        let key = (substeps, start, plans);
         if self.graphs.len() == MAX_GRAPHS && !self.graphs.contains_key(&key) {
             self.graphs.clear();
         }
         if !self.graphs.contains_key(&key) {
-            let graph = Graph::record(&self.stream, || self.work(substeps, start, contact, outside))?;
+            let graph = Graph::record(&self.stream, || self.work(substeps, start, plans))?;
             self.graphs.insert(key, graph);
         }
         let _range = trace::range(c"launch");
         self.graphs[&key].launch()?;
-        let tools = contact.tools as usize;
+        let tools = plans.contact.tools as usize;
         self.stream.traffic.add_to_device(Step::bytes(tools));
         self.stream.traffic.add_to_host(Report::bytes(tools));
         Ok(())
     }
 
     /// The work of one step, in order.
-    fn work(&self, substeps: u32, start: usize, contact: Plan, outside: outside::Plan) -> Result<()> {
+    fn work(&self, substeps: u32, start: usize, Plans { contact, outside, sleep }: Plans) -> Result<()> {
         let (device, stream) = (&self.stream.device, self.stream.handle);
         // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the graph.
         unsafe {
@@ -246,19 +266,28 @@ impl CudaSolver {
             );
             device.driver.check(status, "recording a step")?;
             for substep in 1..=substeps {
-                let mut pass = self.state.pass(start, substep, outside.settles || substep == substeps);
-                self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
-                let arguments = &mut [pointer(&mut pass)];
-                self.kernels.substep.launch(
-                    device,
-                    stream,
-                    self.state.bricks,
-                    BRICK_SLOTS as u32,
-                    arguments,
-                )?;
+                let look = sleep.look(substep, substeps);
+                let mark = outside.settles || substep == substeps || look.is_some();
+                let mut pass = self.state.pass(start, substep, mark, self.sleep.kept());
+                let lists = self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                let mut sleepers = self.sleep.on_device();
+                let arguments = &mut [pointer(&mut pass), pointer(&mut sleepers)];
+                let (kernel, blocks) = match sleep {
+                    sleep::Plan::Listed { blocks } => {
+                        if lists {
+                            self.sleep.decide(&self.kernels, &self.stream, &mut pass, 0)?;
+                        }
+                        (self.kernels.substep_awake, blocks)
+                    }
+                    _ => (self.kernels.substep, self.state.bricks),
+                };
+                kernel.launch(device, stream, blocks, BRICK_SLOTS as u32, arguments)?;
                 outside.act(&self.kernels, &self.stream, &mut pass)?;
                 if contact.tools > 0 {
                     self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                }
+                if let Some(since) = look {
+                    self.sleep.decide(&self.kernels, &self.stream, &mut pass, since)?;
                 }
                 let State { bricks, step, .. } = &self.state;
                 outside.settle(&self.kernels, &self.stream, &mut pass, *bricks, step.at())?;
@@ -267,6 +296,7 @@ impl CudaSolver {
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
             let mut started = self.state.started.at();
             let [mut counts, mut sums] = self.contact.told();
+            let mut awake = self.sleep.on_device().counts;
             let mut report = self.report.device_at();
             let arguments = &mut [
                 pointer(&mut marks),
@@ -276,6 +306,7 @@ impl CudaSolver {
                 pointer(&mut started),
                 pointer(&mut counts),
                 pointer(&mut sums),
+                pointer(&mut awake),
                 pointer(&mut report),
             ];
             self.kernels.report.launch(device, stream, 1, REPORT_THREADS, arguments)
@@ -313,17 +344,13 @@ impl CudaSolver {
 
     /// Accelerations by inner forces at displacements `u`, all slots, and the state is lost.
     fn forces_of(&mut self, u: &[[f32; 4]]) -> Result<Vec<f32>> {
+        self.sleep.wake_all()?;
         self.state.current = 0;
         self.state.u[0].write(0, u)?;
         self.state.v.iter().try_for_each(Buffer::clear)?;
         // From rest, one second at constant acceleration leaves a velocity of that size.
         let sequence = self.next_sequence();
-        self.ask(
-            Step { dt: 1.0, sequence, ..Step::default() },
-            1,
-            Plan::default(),
-            outside::Plan::default(),
-        )?;
+        self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, Plans::default())?;
         self.wait_for(sequence)?;
         let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
         self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
@@ -388,7 +415,7 @@ impl CudaSolver {
         surface.publish(
             &self.kernels,
             &self.stream,
-            &self.state.pass(self.state.current, 1, false),
+            &self.state.pass(self.state.current, 1, false, self.sleep.kept()),
             field,
             arrays,
         )
@@ -440,8 +467,9 @@ impl Solver for CudaSolver {
             ..Step::default()
         };
         let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
+        let sleep = self.sleep.prepare(plan.sleeping, plan.tools.len())?;
         let start = self.state.current;
-        let asked = self.ask(step, plan.substeps, contact, outside.plan);
+        let asked = self.ask(step, plan.substeps, Plans { contact, outside: outside.plan, sleep });
         let report = asked.and_then(|()| self.wait_for(sequence)).inspect_err(|_| {
             // Nobody knows whether sites were listed.
             self.contact.lose_track();
@@ -463,14 +491,16 @@ impl Solver for CudaSolver {
         self.state.current = (start + taken as usize) % 2;
         if has_diverged {
             self.contact.lose_track();
+            self.sleep.wake_all()?;
             self.state.v.iter().try_for_each(Buffer::clear)?;
         }
+        let [awake_bricks, awake_nodes] = self.sleep.tell(sleep, report.awake);
         self.dropped = self.dropped_before + u64::from(report.dropped_points);
         Ok(StepReport {
             substeps: taken,
             has_diverged,
-            awake_nodes: self.model.lattice().node_count() as u64,
-            awake_bricks: u64::from(self.state.bricks),
+            awake_nodes,
+            awake_bricks,
             device_s: report.device_ns as f64 * 1e-9,
             strain: f64::from(report.strain),
             volume_ratio: [1.0 - f64::from(report.shrinking), 1.0 + f64::from(report.swelling)],
@@ -510,6 +540,8 @@ impl Solver for CudaSolver {
     }
 
     fn halt(&mut self) {
+        let woken = self.sleep.wake_all();
+        self.or_lost(woken);
         self.or_lost(self.state.v.iter().try_for_each(Buffer::clear));
         self.vis_viva = 0.0;
         self.mirror.replace(None);
@@ -525,6 +557,8 @@ impl Solver for CudaSolver {
             self.or_lost(self.state.v.iter().try_for_each(|copy| copy.write(at, &[velocity[axis] as f32])));
         }
         self.speed = self.speed.max(velocity.norm());
+        let woken = self.sleep.wake_all();
+        self.or_lost(woken);
         self.contact.lose_track();
         self.mirror.replace(None);
     }
@@ -544,6 +578,8 @@ impl Solver for CudaSolver {
 
     fn wake(&mut self) {
         self.outside.forget_loads();
+        let woken = self.sleep.wake_all();
+        self.or_lost(woken);
     }
 
     fn reset(&mut self) {

@@ -31,13 +31,14 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             dt, keep, gravity, sequence, tool_count, margin, duration, push_limit, may_jump, vis_viva, tools
         }
         Report {
-            diverged_at, speed2, strain, swelling, shrinking, displacement2, vis_viva, contact_points,
+            diverged_at, speed2, strain, swelling, shrinking, awake, vis_viva, contact_points,
             dropped_points, device_ns, sums, sequence
         }
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
-            mark
+            mark, near_tools, acted_on
         }
+        Sleep { bricks, speed2, acceleration2, wake2, asleep, quiet, nodes_in, awake, watched, counts }
         Pushed { slot, start, count, acceleration, mobility }
         Pressed { corners, diagonals, pressure }
         Push { count, nodes, faces }
@@ -49,7 +50,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Contact {
             vertices, triangles, first_triangle, divides, reach, rest, row_nodes, row_weights, corners, parts,
             triangle_edges, vertex_edges, near_bits, near, near_starts, divisions, counts, site_rest, site_own, site_edges, site_names, site_slots, site_weights, site_carriers,
-            site_coupled, couplings, carrier_at, carriers, mobility, loads, active_loads, claimed, moved, changes, impulses, touches, given, points,
+            site_coupled, couplings, carrier_at, carriers, mobility, loads, active_loads, claimed, moved, changes, impulses, given, points,
             sums
         }
         Moment { from, to, is_first, tissue_moves, is_last }
@@ -68,8 +69,11 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("MAX_ROW", MAX_ROW),
         ("MAX_COUPLED", MAX_COUPLED),
         ("POINTS", count::POINTS),
-        ("TAG", count::TAG),
         ("COUNTS", count::COUNTS),
+        ("AWAKE", sleepers::AWAKE),
+        ("WATCHED", sleepers::WATCHED),
+        ("AWAKE_NODES", sleepers::AWAKE_NODES),
+        ("SLEEP_COUNTS", sleepers::COUNTS),
         ("NORMAL", point::NORMAL),
         ("AT", point::AT),
         ("NAMES", point::NAMES),

@@ -1,0 +1,188 @@
+//! Which bricks sleep: the rules are those of `src/cpu/sleep.rs`, applied every few substeps.
+
+use std::sync::Arc;
+
+use cudarc::driver::sys::CUdeviceptr;
+
+use super::kernels::Kernels;
+use super::layout::{self, Pass, sleepers};
+use super::memory::{Buffer, Stream};
+use super::pointer;
+use crate::cpu::sleep::{Thresholds, WAKE_FACTOR};
+use crate::error::Result;
+use crate::model::Model;
+use crate::model::lattice::BRICK_SLOTS;
+
+/// Threads of a block of both kernels, and of a brick in the first.
+const THREADS: u32 = 128;
+const WARP: u32 = 32;
+/// Substeps between two looks at who sleeps, where some do; a step's end is looked at always.
+const LOOK_EVERY: u32 = 8;
+/// Fewest blocks for what is awake.
+const FEWEST_BLOCKS: u32 = 128;
+
+/// What stands for every brick that is not there sleeps.
+const NOT_THERE: u8 = 1;
+
+/// How a step goes about sleep: equal plans are recorded once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Plan {
+    /// Nothing sleeps, and nothing may.
+    #[default]
+    Never,
+    /// Nothing sleeps; at the end bricks may fall asleep.
+    AtEnd,
+    /// Some sleep. So many blocks share those that are awake.
+    Listed { blocks: u32 },
+}
+
+/// Which bricks sleep, on the device.
+#[derive(Debug)]
+pub struct Sleep {
+    bricks: u32,
+    nodes: u32,
+    thresholds: Thresholds,
+    near_tools: Buffer<u8>,
+    acted_on: Buffer<u8>,
+    asleep: Buffer<u8>,
+    quiet: Buffer<u8>,
+    nodes_in: Buffer<u8>,
+    awake: Buffer<u32>,
+    watched: Buffer<u32>,
+    counts: Buffer<u32>,
+    had_tools: bool,
+    /// What the last step counted; nothing where all are awake.
+    counted: Option<[u32; sleepers::COUNTS]>,
+}
+
+impl Sleep {
+    /// Everything awake, and quiet never: see [`Self::set_thresholds`].
+    pub fn new(model: &Model, stream: &Arc<Stream>) -> Result<Self> {
+        let lattice = model.lattice();
+        let bricks = lattice.bricks().len();
+        let count = |words: &[u32]| words.iter().filter(|word| **word != 0).count() as u8;
+        let nodes_in: Vec<u8> = lattice.words().chunks_exact(BRICK_SLOTS).map(count).collect();
+        let sleep = Self {
+            bricks: bricks as u32,
+            nodes: lattice.node_count() as u32,
+            thresholds: Thresholds { speed: 0.0, acceleration: 0.0 },
+            near_tools: Buffer::zeros(stream, bricks + 1)?,
+            acted_on: Buffer::zeros(stream, bricks + 1)?,
+            asleep: Buffer::zeros(stream, bricks + 1)?,
+            quiet: Buffer::zeros(stream, bricks)?,
+            nodes_in: Buffer::of(stream, &nodes_in)?,
+            awake: Buffer::zeros(stream, bricks)?,
+            watched: Buffer::zeros(stream, bricks)?,
+            counts: Buffer::zeros(stream, sleepers::COUNTS)?,
+            had_tools: false,
+            counted: None,
+        };
+        sleep.asleep.write(bricks, &[NOT_THERE])?;
+        Ok(sleep)
+    }
+
+    /// What counts as quiet.
+    pub fn set_thresholds(&mut self, thresholds: Thresholds) {
+        self.thresholds = thresholds;
+    }
+
+    /// What a step does in which bricks may sleep or may not. Where no tool is, none keeps bricks awake.
+    pub fn prepare(&mut self, may_sleep: bool, tools: usize) -> Result<Plan> {
+        if tools == 0 && std::mem::take(&mut self.had_tools) {
+            self.near_tools.clear()?;
+        }
+        self.had_tools |= tools > 0;
+        if !may_sleep {
+            self.wake_all()?;
+            return Ok(Plan::Never);
+        }
+        Ok(match self.counted {
+            None => Plan::AtEnd,
+            Some(counted) => {
+                // More may wake: blocks then take several bricks.
+                let busy = counted[sleepers::AWAKE] + counted[sleepers::WATCHED];
+                let blocks = busy.next_power_of_two().max(FEWEST_BLOCKS);
+                Plan::Listed { blocks: blocks.min(self.bricks) }
+            }
+        })
+    }
+
+    /// Wakes everything.
+    pub fn wake_all(&mut self) -> Result<()> {
+        if self.counted.take().is_none() {
+            return Ok(());
+        }
+        self.quiet.clear()?;
+        self.asleep.clear()?;
+        self.asleep.write(self.bricks as usize, &[NOT_THERE])
+    }
+
+    /// What a step counted. Gives how many bricks and nodes are awake.
+    pub fn tell(&mut self, plan: Plan, counted: [u32; sleepers::COUNTS]) -> [u64; 2] {
+        let all = plan == Plan::Never || counted[sleepers::AWAKE] == self.bricks;
+        self.counted = (!all).then_some(counted);
+        if all {
+            return [self.bricks, self.nodes].map(u64::from);
+        }
+        [counted[sleepers::AWAKE], counted[sleepers::AWAKE_NODES]].map(u64::from)
+    }
+
+    /// Where bricks are noted that may not sleep.
+    pub fn kept(&self) -> [CUdeviceptr; 2] {
+        [self.near_tools.at(), self.acted_on.at()]
+    }
+
+    /// What kernels know.
+    pub fn on_device(&self) -> layout::Sleep {
+        let Thresholds { speed, acceleration } = self.thresholds;
+        layout::Sleep {
+            bricks: self.bricks,
+            speed2: speed.powi(2),
+            acceleration2: acceleration.powi(2),
+            wake2: (WAKE_FACTOR * acceleration).powi(2),
+            asleep: self.asleep.at(),
+            quiet: self.quiet.at(),
+            nodes_in: self.nodes_in.at(),
+            awake: self.awake.at(),
+            watched: self.watched.at(),
+            counts: self.counts.at(),
+        }
+    }
+
+    /// Asks the stream to decide who sleeps at the end of a substep that left marks, `substeps` after the last time; where those are none, to wake those
+    /// near tools.
+    ///
+    /// # Safety
+    /// `pass` is that of the substep, and outlives the work.
+    pub unsafe fn decide(
+        &self,
+        kernels: &Kernels,
+        stream: &Stream,
+        pass: &mut Pass,
+        mut substeps: u32,
+    ) -> Result<()> {
+        let mut sleep = self.on_device();
+        let launch = [
+            (kernels.doze, (self.bricks * WARP).div_ceil(THREADS)),
+            (kernels.muster, self.bricks.div_ceil(THREADS)),
+        ];
+        let arguments = &mut [pointer(pass), pointer(&mut sleep), pointer(&mut substeps)];
+        for (kernel, blocks) in launch {
+            // SAFETY: one takes the arguments as declared, the other the first two.
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, THREADS, arguments)? };
+        }
+        Ok(())
+    }
+}
+
+impl Plan {
+    /// How many substeps have passed since the last look at who sleeps, where there is one at the end of this substep.
+    pub fn look(self, substep: u32, substeps: u32) -> Option<u32> {
+        let since = (substep - 1) % LOOK_EVERY + 1;
+        match self {
+            Self::Never => None,
+            Self::AtEnd => (substep == substeps).then_some(substeps),
+            Self::Listed { .. } => (substep == substeps || since == LOOK_EVERY).then_some(since),
+        }
+    }
+}

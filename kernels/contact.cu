@@ -19,9 +19,9 @@ constexpr int THREADS = 512, WARPS = THREADS / 32;
 constexpr int LANES = 8, GROUPS = THREADS / LANES;
 // Couplings that a thread keeps in registers.
 constexpr int HELD = MAX_COUPLED / LANES;
-// Most iterations for the impulses. One is the last when it changes none by more than this share of the largest.
+// Most iterations for the impulses. One is the last when it changes none by more than this share of the largest that the first one found.
 constexpr int ITERATIONS = 64;
-constexpr float CONVERGED = 1e-3f;
+constexpr float CONVERGED = 3e-4f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
 // Most points of one site: more tools than that do not meet in one place.
@@ -99,26 +99,30 @@ struct Known {
     __device__ bool is_movable() const { return target > 0.0f; }
 };
 
-// One iteration of a point on a site whose velocity all impulses change by `change`. Carries the impulse on by momentum; `last` is what it was found to
-// be. Gives how much that changed.
-__device__ __forceinline__ float improve(const Known& k, const Vec& change, float momentum, Impulse& now, Impulse& last) {
+// How far a point's iterations have come: its impulse, carried on by momentum; what was found last; and for how many iterations on end it has gone which
+// way.
+struct Search {
+    Impulse now, last, way;
+    float age;
+};
+
+// One iteration of a point on a site whose velocity all impulses change by `change`. Gives how much was changed of what was found. Momentum grows with the
+// age of a way and ends with it, point by point: without it many points on few nodes take far more iterations, and with one that only grows, few points do.
+__device__ __forceinline__ float improve(const Known& k, const Vec& change, bool is_last, Search& s) {
     // Along the normal: the rest of the depth, by pushing alone.
-    const float push = fmaxf(now.push + k.mass * (k.target - dot(change, k.normal)), 0.0f);
+    const float push = fmaxf(s.now.push + k.mass * (k.target - dot(change, k.normal)), 0.0f);
     // Across it: with the tool, inside Coulomb's cone.
     Vec slip = k.before + change;
     slip = slip - k.normal * dot(slip, k.normal);
-    Vec drag = now.drag - slip * k.mass;
+    Vec drag = s.now.drag - slip * k.mass;
     const float cone = k.friction * push, size2 = dot(drag, drag);
     if (size2 > cone * cone) drag = drag * (cone * rsqrtf(size2));
-    const float along = push - last.push;
-    const Vec across = drag - last.drag;
-    now = {push + along * momentum, drag + across * momentum};
-    last = {push, drag};
-    return fmaxf(fabsf(along), fmaxf(fabsf(across.x), fmaxf(fabsf(across.y), fabsf(across.z))));
+    const Impulse way{push - s.last.push, drag - s.last.drag};
+    const bool turns = way.push * s.way.push + dot(way.drag, s.way.drag) < 0.0f;
+    const float momentum = turns || is_last ? 0.0f : s.age / (s.age + 3.0f);
+    s = {{push + way.push * momentum, drag + way.drag * momentum}, {push, drag}, way, turns ? 0.0f : s.age + 1.0f};
+    return fmaxf(fabsf(way.push), fmaxf(fabsf(way.drag.x), fmaxf(fabsf(way.drag.y), fabsf(way.drag.z))));
 }
-
-// How far impulses are carried on in the direction of an iteration's change.
-__device__ float momentum_of(int iteration) { return float(iteration) / float(iteration + 3); }
 
 // Which sites are active, in their order: the site, its first point, and what a site is among them.
 struct Active {
@@ -144,13 +148,23 @@ __device__ Vec velocity_of(const Work& w, uint32_t slot) {
 }
 
 // What iterations start from: what cannot move has its impulse already.
-__device__ Impulse start_of(const Known& known) { return {fmaxf(-known.target, 0.0f), {0, 0, 0}}; }
+__device__ Search start_of(const Known& known) {
+    const Impulse start{fmaxf(-known.target, 0.0f), {0, 0, 0}};
+    return {start, start, {0.0f, {0, 0, 0}}, 0.0f};
+}
 
 // What is known of a point on a site that moves with `velocity` and that all points together move by 1 / `mass` at most.
 __device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float mass) {
     const float4 normal = w.points.at(NORMAL, k);
     const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
     return {vec(normal), normal.w, velocity - velocity_of(tool, vec(w.points.at(AT, k)), w.step.duration), mass, tool.friction};
+}
+
+__device__ void save(const Work& w, uint32_t k, const Search& search) {
+    w.points.at(IMPULSE, k) = with(search.now.drag, search.now.push);
+    w.points.at(LAST, k) = with(search.last.drag, search.last.push);
+    w.points.at(WAY, k) = with(search.way.drag, search.way.push);
+    w.points.at(NAMES, k).w = search.age;
 }
 
 // The impulse on a site of one point.
@@ -190,7 +204,7 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
     uint32_t others[HELD], widest = 0;
     Vec by[HELD];
     Known known;
-    Impulse now, last;
+    Search search;
     Carrier carrier;
     Load loads[HELD_LOADS];
     Vec v;
@@ -221,7 +235,7 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
             if (__any_sync(~0u, is_there)) widest = i + 1;
         }
         known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
-        last = now = start_of(known);
+        search = start_of(known);
         if (lane == 0 && is_mine) {
             impulses[0][a] = make_float4(0, 0, 0, 0);
             atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
@@ -255,16 +269,16 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
                 change = change + Vec{by[i].x * j.x, by[i].y * j.y, by[i].z * j.z};
             }
             change = group_sum(change);
-            if (known.is_movable()) changed = improve(known, change, momentum_of(iteration), now, last);
-            if (lane == 0 && is_mine) impulses[~iteration & 1][a] = with(impulse_of(known, now), 0.0f);
+            if (known.is_movable()) changed = improve(known, change, false, search);
+            if (lane == 0 && is_mine) impulses[~iteration & 1][a] = with(impulse_of(known, search.now), 0.0f);
         }
         is_done = !__syncthreads_or(changed > small) || iteration + 1 == ITERATIONS;
     }
     // What was found, without momentum.
     const float4* const found = impulses[iteration & 1];
     if (lane == 0 && is_mine) {
-        impulses[iteration & 1][a] = with(impulse_of(known, last), 0.0f);
-        w.points.at(IMPULSE, a) = all.at(IMPULSE, a) = with(last.drag, last.push);
+        impulses[iteration & 1][a] = with(impulse_of(known, search.last), 0.0f);
+        w.points.at(IMPULSE, a) = all.at(IMPULSE, a) = with(search.last.drag, search.last.push);
     }
     __syncthreads();
     if (!is_carried) return;
@@ -329,9 +343,8 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
         }
         for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
             const Known known = known_of(w, k, velocity, 1.0f / reach);
-            const Impulse start = start_of(known);
             w.points.at(BEFORE, k) = with(known.before, known.mass);
-            w.points.at(IMPULSE, k) = w.points.at(LAST, k) = with(start.drag, start.push);
+            save(w, k, start_of(known));
             atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
         }
         w.c.impulses[a] = make_float4(0, 0, 0, 0);
@@ -369,15 +382,14 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
                 if (on != ~0u) change = change + vec(w.c.changes[on]) * w.c.site_weights[i * MAX_SITES + site];
             }
             for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
-                const float4 normal = w.points.at(NORMAL, k), seen = w.points.at(BEFORE, k), j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k);
+                const float4 normal = w.points.at(NORMAL, k), seen = w.points.at(BEFORE, k), j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k), way = w.points.at(WAY, k);
                 const Known known{vec(normal), normal.w, vec(seen), seen.w, w.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
                 if (!known.is_movable()) continue;
-                Impulse now{j.w, vec(j)}, last{l.w, vec(l)};
+                Search search{{j.w, vec(j)}, {l.w, vec(l)}, {way.w, vec(way)}, w.points.at(NAMES, k).w};
                 // The last one's impulses are what was found, without momentum.
-                changed = fmaxf(changed, improve(known, change, is_last ? 0.0f : momentum_of(iteration), now, last));
-                w.points.at(IMPULSE, k) = with(now.drag, now.push);
-                w.points.at(LAST, k) = with(last.drag, last.push);
-                sum = sum + impulse_of(known, now);
+                changed = fmaxf(changed, improve(known, change, is_last, search));
+                save(w, k, search);
+                sum = sum + impulse_of(known, search.now);
             }
             w.c.impulses[a] = with(sum, 0.0f);
         }

@@ -191,14 +191,15 @@ enum PointField {
     NORMAL,
     // From the tool's origin, model axes; and the depth.
     AT,
-    // Whole numbers: tool and element.
+    // Whole numbers: tool and element. Then 0, and for how many iterations its impulse has gone the same way.
     NAMES,
     // Impulse on the tissue in N s, across the normal and along it.
     IMPULSE,
     // Velocity of the tissue without contact, seen from the tool; and 1 / what all points together move this one by, at most.
     BEFORE,
-    // The impulse of the last iteration.
+    // The impulse of the last iteration, and how it differs from that of the one before.
     LAST,
+    WAY,
     POINT_FIELDS,
 };
 

@@ -354,7 +354,7 @@ pub mod point {
     pub const NAMES: usize = 2;
     pub const IMPULSE: usize = 3;
     /// How many there are.
-    pub const FIELDS: usize = 6;
+    pub const FIELDS: usize = 7;
 }
 
 /// A node that carries sites.

@@ -2,7 +2,7 @@
 //! them.
 //!
 //! There is no global logger. Whoever builds a model or owns a simulation hands over a [`Log`]; a step logs
-//! only when it fails.
+//! only when it fails, and when cells turn over for the first time.
 
 use crate::model::Model;
 use crate::sim::{Place, SimDesc};
@@ -54,6 +54,10 @@ impl std::fmt::Debug for Log {
         f.debug_struct("Log").field("listening", &self.sink.is_some()).finish()
     }
 }
+
+/// What is said when the volume ratio first reaches 0.
+pub const OVERTURNED: &str = "step: cells have turned over; forces and shapes are not those of tissue any more, for it \
+                              was squeezed further than the model is good for";
 
 /// One line about a finished model.
 pub fn model_line(model: &Model, wall_s: f64) -> String {

@@ -127,5 +127,6 @@ fn a_mistake_is_answered_with_a_sentence() {
     assert!(sentence(&["--radius-mm", "0"]).contains("--radius-mm must be a number above 0"));
     assert!(sentence(&["--at", "900,0,900"]).contains("no tissue"));
     assert!(sentence(&["--labels", "absent.nii.gz"]).contains("absent.nii.gz"));
+    assert!(sentence(&["--young-cap-kpa", "-1"]).contains("--young-cap-kpa must be a number of at least 0"));
     assert!(sentence(&["--direction", "0,0"]).contains("three finite numbers"));
 }

@@ -72,6 +72,7 @@ fn held_faces(grid: &LabelGrid, toward: Vec3) -> [bool; 6] {
 fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, LabelUse>> {
     let mut words: BTreeMap<u16, (&str, &str)> =
         CHEST_LABELS.into_iter().map(|(label, word, name)| (label, (word, name))).collect();
+    let mut chosen = Vec::new();
     for choice in choices {
         let Some((label, word)) = choice.split_once('=') else {
             bail!("--material {choice}: LABEL=USE is needed")
@@ -80,10 +81,14 @@ fn uses(grid: &LabelGrid, choices: &[String]) -> anyhow::Result<BTreeMap<u16, La
         let number =
             label.parse().with_context(|| format!("--material {choice}: '{label}' is not a label"))?;
         words.insert(number, (word.trim(), word.trim()));
+        chosen.push(number);
     }
 
     let mut is_used = vec![false; usize::from(u16::MAX) + 1];
     grid.labels().iter().for_each(|&label| is_used[usize::from(label)] = true);
+    if let Some(label) = chosen.into_iter().find(|label| !is_used[usize::from(*label)]) {
+        bail!("--material {label}=…: the file has no label {label}");
+    }
     let labels = (0..=u16::MAX).filter(|&label| is_used[usize::from(label)]);
     labels
         .map(|label| {

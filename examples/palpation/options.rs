@@ -9,9 +9,10 @@ use palpate::sim::Backend;
 
 /// Presses a tool into soft tissue, prints one table and writes pictures, a plot and the run as CSV.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "palpation")]
+#[command(name = "palpation", allow_negative_numbers = true)]
 pub struct Options {
-    /// Label map to press (.nii, .nii.gz, .nrrd); a generated thorax when left out
+    /// Label map to press (.nii, .nii.gz, .nrrd); a generated thorax when left out. Labels 0 to 10 are taken for those of a segmented chest:
+    /// outside, lung, its vessels, airways, muscle and liver, heart, fat, aorta, airway wall, bone, spleen
     #[arg(long, value_name = "FILE")]
     pub labels: Option<PathBuf>,
 

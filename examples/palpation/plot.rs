@@ -57,11 +57,11 @@ fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::
     for (phase, name, colour) in phases {
         // Each line starts where the one before it ended.
         let steps = rows.windows(2).filter(|pair| pair[1].phase == phase);
-        let points: Vec<_> =
-            steps.clone().take(1).map(|pair| &pair[0]).chain(steps.map(|pair| &pair[1])).collect();
-        let line = LineSeries::new(points.into_iter().map(point), colour.stroke_width(5));
+        // Piece by piece: where a line goes steeply up and down, its corners would stick out.
+        let pieces =
+            steps.map(|pair| PathElement::new([point(&pair[0]), point(&pair[1])], colour.stroke_width(5)));
         chart
-            .draw_series(line)?
+            .draw_series(pieces)?
             .label(name)
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 50, y)], colour.stroke_width(6)));
     }

@@ -1,5 +1,6 @@
 //! The press: the tool comes from outside, goes in to a depth, holds, and comes out again.
 
+use anyhow::Context;
 use indicatif::ProgressBar;
 use palpate::math::{Pose, Vec3};
 use palpate::sim::{Sim, ToolPort};
@@ -115,7 +116,10 @@ pub fn run(
 /// One step of the simulation with the tool at `pose`.
 fn step(sim: &mut Sim, port: &mut ToolPort, path: &Path, pose: Pose, velocity: Vec3) -> anyhow::Result<Row> {
     port.set_motion(&ToolMotion { linear_m_s: velocity, ..ToolMotion::at(pose) })?;
-    sim.step()?;
+    let tip = path.tip() * 1e3;
+    let place =
+        || format!("{:.1} mm deep at {:.1}, {:.1}, {:.1} mm", path.indentation() * 1e3, tip.x, tip.y, tip.z);
+    sim.step().with_context(place)?;
     Ok(Row {
         phase: path.phase,
         pose,

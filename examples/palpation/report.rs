@@ -116,7 +116,8 @@ pub fn table(
     row("work not given back", format!("{:.3} mJ", lost * 1e3));
     row("spring strain |1 - L/l| at most", format!("{:.1} %", highest(&|r| r.statistics.max_strain) * 1e2));
     let squeezed = record.rows.iter().map(|r| r.statistics.volume_ratio[0]).fold(f64::MAX, f64::min);
-    row("volume ratio at least", format!("{squeezed:.3}"));
+    let overturned = if squeezed > 0.0 { "" } else { ": cells have turned over, which tissue does not" };
+    row("volume ratio at least", format!("{squeezed:.3}{overturned}"));
     row("results", format!("in the folder {}", options.out.display()));
     table
 }

@@ -346,7 +346,8 @@ typedef void (*plp_log_fn)(void *user, int32_t level, const char *line);
 /// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
 /// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
-/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met at y = 0.096.
+/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met
+/// at y = 0.096 with cells of 6 mm, the default, and up to a centimetre further out with others; plp_sim_pick finds it.
 typedef struct {
     /// The size of this struct as the caller knows it.
     uint32_t struct_size;
@@ -1124,8 +1125,16 @@ static inline plp_tool_part plp_rounded_box(double half_x_m, double half_y_m, do
 static inline plp_label_use plp_label_as(uint32_t label, uint32_t kind, const char *preset_name) {
     plp_preset preset;
     plp_label_use use = {label, kind, {0.0, 0.0, 0.0, 0.0, {'?', 0}}};
-    if (kind != PLP_USE_EMPTY && plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
+    uint32_t i;
+    if (kind == PLP_USE_EMPTY) {
+        return use;
+    }
+    if (plp_preset_find(preset_name, &preset, (uint32_t)sizeof preset) == PLP_OK) {
         use.material = preset.material;
+        return use;
+    }
+    for (i = 0; preset_name && preset_name[i] && i + 1 < (uint32_t)sizeof use.material.name; ++i) {
+        use.material.name[i] = preset_name[i];
     }
     return use;
 }

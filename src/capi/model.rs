@@ -75,11 +75,14 @@ pub unsafe extern "C" fn plp_model_create(
         let build = unsafe { build_of(&desc) }?;
         let built = build.run(&mut progress)?;
 
-        let cap = (desc.young_cap_pa, capped_count(&build, built.materials()));
+        let capped = capped(&build, built.materials());
+        let cap = (desc.young_cap_pa, capped.len() as u32);
         let mut log = log_of(desc.log, desc.log_user);
         log.info(|| log::model_line(&built, started.elapsed().as_secs_f64()));
-        if cap.1 > 0 {
-            log.warning(|| format!("model: Young's modulus of {} materials lowered to {} Pa", cap.1, cap.0));
+        if !capped.is_empty() {
+            log.warning(|| {
+                format!("model: Young's modulus of {} lowered to {} Pa", capped.join(", "), cap.0)
+            });
         }
 
         // Finding them takes a while on a large model, which nobody should wait for who does not listen.
@@ -177,9 +180,9 @@ fn info_of(body: &ModelBody) -> plp_model_info {
     }
 }
 
-/// How many materials of a model the cap lowered: those that a use gives with a higher modulus.
-fn capped_count(build: &Build, materials: &[Material]) -> u32 {
-    let Some(cap) = build.young_cap_pa else { return 0 };
+/// The materials of a model that the cap lowered: those that a use gives with a higher modulus.
+fn capped(build: &Build, materials: &[Material]) -> Vec<String> {
+    let Some(cap) = build.young_cap_pa else { return Vec::new() };
     let is_capped = |material: &&Material| {
         build.uses.values().any(|used| match used {
             LabelUse::Tissue(given) if given.young_pa > cap => {
@@ -188,7 +191,7 @@ fn capped_count(build: &Build, materials: &[Material]) -> u32 {
             LabelUse::Tissue(_) | LabelUse::Rigid(_) | LabelUse::Empty => false,
         })
     };
-    materials.iter().filter(is_capped).count() as u32
+    materials.iter().filter(is_capped).map(|material| material.name.clone()).collect()
 }
 
 /// A log that calls a host's function.
@@ -477,7 +480,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_cap_counts_the_materials_that_it_lowered() {
+    fn the_cap_names_the_materials_that_it_lowered() {
         let labels: Vec<u16> = (1..=4).collect();
         let grid =
             LabelGrid::new([4, 1, 1], Vec3::repeat(0.01), crate::math::Pose::identity(), labels).unwrap();
@@ -489,11 +492,11 @@ mod tests {
         build.uses.insert(3, LabelUse::Tissue(soft));
         build.uses.insert(4, LabelUse::Rigid(stiff.clone()));
         build.uses.insert(5, LabelUse::Tissue(stiff)); // does not occur
-        let count =
-            |build: &Build| capped_count(build, build.run(&mut |_, _| true).expect("four cells").materials());
-        assert_eq!(count(&build), 0);
+        let lowered =
+            |build: &Build| capped(build, build.run(&mut |_, _| true).expect("four cells").materials());
+        assert!(lowered(&build).is_empty());
         build.young_cap_pa = Some(1e5);
-        assert_eq!(count(&build), 1);
+        assert_eq!(lowered(&build), ["stiff"]);
     }
 
     /// Collects what the library says in a vector.

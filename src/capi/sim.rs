@@ -28,6 +28,8 @@ pub(super) struct SimBody {
     log: Log,
     /// Tools by the tag of their handle.
     tools: Vec<(u64, ToolId)>,
+    /// Whether the log was told that cells turned over.
+    is_overturned: bool,
     link: Arc<Link>,
 }
 
@@ -147,7 +149,8 @@ pub unsafe extern "C" fn plp_sim_create(
         }
         log.info(|| log::sim_line(&settings, place, &created.statistics()));
 
-        let body = SimBody { sim: created, log, tools: Vec::new(), link: Arc::default() };
+        let body =
+            SimBody { sim: created, log, tools: Vec::new(), is_overturned: false, link: Arc::default() };
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
         unsafe { sim.write_unaligned(handle::create::<plp_sim>(body, 0)) };
         Ok(PLP_OK)
@@ -178,6 +181,11 @@ pub unsafe extern "C" fn plp_sim_step(sim: *mut plp_sim) -> plp_status {
                 body.log.warning(|| error.to_string());
             }
             stepped?;
+            if body.sim.statistics().volume_ratio[0] <= 0.0
+                && !std::mem::replace(&mut body.is_overturned, true)
+            {
+                body.log.warning(|| log::OVERTURNED.to_owned());
+            }
             Ok(PLP_OK)
         })
     })
@@ -568,6 +576,37 @@ mod tests {
             assert_eq!(super::super::model::plp_model_destroy(model), PLP_OK);
         }
         (sim, tool)
+    }
+
+    #[test]
+    fn cells_that_turn_over_are_warned_of_once() {
+        let (sim, tool) = cell_and_tool();
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let heard = lines.clone();
+        let turned = boundary(|| {
+            with_sim(sim, |body| {
+                body.log = Log::to(move |_, line| heard.lock().push(line.to_owned()));
+                // The cell is seen in a mirror: its springs are as long as they were.
+                let lattice = body.sim.model().lattice();
+                let tops: Vec<_> =
+                    lattice.slots().filter(|&slot| lattice.rest_position(slot).z > 0.005).collect();
+                for slot in tops {
+                    body.sim.set_node(
+                        slot,
+                        crate::math::Vec3::new(0.0, 0.0, -0.02),
+                        crate::math::Vec3::zeros(),
+                    )?;
+                }
+                Ok(PLP_OK)
+            })
+        });
+        assert_eq!(turned, PLP_OK);
+        // SAFETY: living handles.
+        unsafe {
+            assert_eq!((plp_sim_step(sim), plp_sim_step(sim)), (PLP_OK, PLP_OK));
+            assert_eq!((plp_tool_destroy(tool), plp_sim_destroy(sim)), (PLP_OK, PLP_OK));
+        }
+        assert_eq!(*lines.lock(), [log::OVERTURNED]);
     }
 
     #[test]

@@ -153,6 +153,10 @@ static void labels_and_materials(void) {
     memset(use.material.name, 'x', sizeof use.material.name); /* no end */
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     desc = good_model();
+    use = plp_label_as(1, PLP_USE_TISSUE, "livr"); /* mistyped: the message shows it */
+    MODEL_ANSWERS(PLP_ERR_ARGUMENT);
+    CHECK(strstr(plp_last_error(), "livr") != NULL);
+    desc = good_model();
     use.kind = 3;
     MODEL_ANSWERS(PLP_ERR_ARGUMENT);
     desc = good_model();

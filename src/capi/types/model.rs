@@ -136,7 +136,8 @@ pub const PLP_RESAMPLE_NEAREST: u32 = 1;
 /// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
 /// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
-/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met at y = 0.096.
+/// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met
+/// at y = 0.096 with cells of 6 mm, the default, and up to a centimetre further out with others; plp_sim_pick finds it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct plp_model_desc {

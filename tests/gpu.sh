@@ -13,6 +13,8 @@ here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 sanitized=(
     cuda:two_tools_and_a_reset_leave_no_trace
     cuda:a_press_feels_and_looks_as_on_the_processor
+    cuda:a_tip_smaller_than_a_cell_feels_as_on_the_processor
+    cuda:sleep::a_body_at_rest_on_a_gpu_sleeps_and_wakes_where_it_is_touched
     cuda:outside::settling_sees_the_peaks_that_the_processor_sees
     cuda:outside::tissue_that_loads_or_bones_carry_to_a_tool_is_seen_in_time
     lattice_bench:a_sphere_in_a_held_block_is_felt_by_the_baseline

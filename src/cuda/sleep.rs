@@ -32,8 +32,12 @@ pub enum Plan {
     Never,
     /// Nothing sleeps; at the end bricks may fall asleep.
     AtEnd,
-    /// Some sleep. So many blocks share those that are awake.
-    Listed { blocks: u32 },
+    /// Some sleep, or all. So many blocks share those that are awake.
+    Listed {
+        blocks: u32,
+        /// Whether all sleep: then tools alone wake any, where sites are listed.
+        is_still: bool,
+    },
 }
 
 /// Which bricks sleep, on the device.
@@ -102,7 +106,7 @@ impl Sleep {
                 // More may wake: blocks then take several bricks.
                 let busy = counted[sleepers::AWAKE] + counted[sleepers::WATCHED];
                 let blocks = busy.next_power_of_two().max(FEWEST_BLOCKS);
-                Plan::Listed { blocks: blocks.min(self.bricks) }
+                Plan::Listed { blocks: blocks.min(self.bricks), is_still: busy == 0 }
             }
         })
     }
@@ -181,8 +185,28 @@ impl Plan {
         let since = (substep - 1) % LOOK_EVERY + 1;
         match self {
             Self::Never => None,
-            Self::AtEnd => (substep == substeps).then_some(substeps),
+            Self::AtEnd | Self::Listed { is_still: true, .. } => (substep == substeps).then_some(substeps),
             Self::Listed { .. } => (substep == substeps || since == LOOK_EVERY).then_some(since),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_at_who_sleeps_count_every_substep_once() {
+        let listed = |is_still| Plan::Listed { blocks: 1, is_still };
+        for substeps in [1, 7, 8, 9, 100] {
+            let looks = |plan: Plan| (1..=substeps).map(move |substep| plan.look(substep, substeps));
+            for plan in [Plan::AtEnd, listed(true), listed(false)] {
+                assert_eq!(looks(plan).flatten().sum::<u32>(), substeps);
+                assert!(plan.look(substeps, substeps).is_some(), "the end is always looked at");
+            }
+            assert_eq!(looks(listed(true)).flatten().count(), 1);
+            assert!(looks(listed(false)).flatten().all(|since| since <= LOOK_EVERY));
+            assert!(looks(Plan::Never).all(|look| look.is_none()));
         }
     }
 }

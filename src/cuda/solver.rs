@@ -273,7 +273,7 @@ impl CudaSolver {
                 let mut sleepers = self.sleep.on_device();
                 let arguments = &mut [pointer(&mut pass), pointer(&mut sleepers)];
                 let (kernel, blocks) = match sleep {
-                    sleep::Plan::Listed { blocks } => {
+                    sleep::Plan::Listed { blocks, .. } => {
                         if lists {
                             self.sleep.decide(&self.kernels, &self.stream, &mut pass, 0)?;
                         }

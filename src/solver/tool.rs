@@ -210,7 +210,7 @@ impl Shape {
     }
 
     /// Into how many parts the edges of a triangle with this longest edge at rest, in m, are divided so that contact points resolve the shape: none
-    /// is longer than a third of its size, which leaves room for the tissue to stretch. At most [`MAX_DIVISION`]. In single
+    /// is longer than a third of its size, which leaves room for the tissue to stretch. At most 32. In single
     /// precision, so that all backends agree.
     pub fn division(&self, edge: f32) -> u32 {
         (3.0 * edge / self.feature_m() as f32).ceil().clamp(1.0, MAX_DIVISION as f32) as u32

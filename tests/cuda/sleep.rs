@@ -95,6 +95,10 @@ fn a_body_at_rest_on_a_gpu_sleeps_and_wakes_where_it_is_touched() {
     }
     let statistics = sim.statistics();
     assert_eq!((statistics.awake_nodes, statistics.awake_bricks), (0, 0));
+    println!(
+        "asleep: {:e} s for a substep",
+        statistics.step_device_s / f64::from(statistics.substeps_per_step)
+    );
     let moved = sim.nodes(NodeField::Displacement).iter().map(Vec3::norm).fold(0.0, f64::max);
     assert!(moved < 1e-3 * SLEEP_HIDES * CELL_M, "rounding alone moved it, by {moved} m");
 
@@ -104,7 +108,7 @@ fn a_body_at_rest_on_a_gpu_sleeps_and_wakes_where_it_is_touched() {
     let awake = sim.statistics().awake_nodes;
     assert!(awake > 0 && awake < sim.statistics().node_count, "what is far sleeps on: {awake}");
 
-    for _ in 0..2000 {
+    for _ in 0..600 {
         step(&mut sim, &mut tool, 0.1);
     }
     assert_eq!(sim.statistics().awake_nodes, 0, "quiet again");

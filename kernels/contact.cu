@@ -76,7 +76,7 @@ __device__ __forceinline__ Probe probe(const Part* all, const ToolStep& tool, co
     return p;
 }
 
-// Points of one time: in global memory, or as far as iterations need them in shared memory.
+// Points: in global memory, or as far as iterations need them in shared memory.
 struct Points {
     float4* field;
     uint32_t stride;

@@ -103,7 +103,13 @@ PLP_LAW Nearest tool_distance(const Part* parts, int count, Vec p) {
 // third of its size.
 PLP_LAW int part_division(const Part& part, float edge) {
     const float size = part.shape == BOX ? fminf(part.size[0], fminf(part.size[1], part.size[2])) : part.size[0];
-    return int(clamp(ceilf(3.0f * edge / size), 1.0f, 32.0f));
+#ifdef __CUDA_ARCH__
+    // As precise as the host divides: it must find the same.
+    const float thirds = __fdiv_rn(3.0f * edge, size);
+#else
+    const float thirds = 3.0f * edge / size;
+#endif
+    return int(clamp(ceilf(thirds), 1.0f, 32.0f));
 }
 
 // All such divisions for the parts within `reach` of a point, tool frame: bit n - 1 stands for n.

@@ -18,7 +18,9 @@ __device__ void stop(const Pass& pass, uint32_t brick, uint32_t lane) {
             const_cast<float*>(pass.v)[at] = pass.v_next[at] = 0.0f;
         }
     }
-    if (lane == 0) pass.marks[brick] = Mark{};
+    // How it is strained goes on to count.
+    Mark& mark = pass.marks[brick];
+    if (lane == 0) mark.speed2 = mark.acceleration2 = mark.vis_viva = 0.0f;
 }
 
 }  // namespace sleep_kernel

@@ -180,12 +180,12 @@ pub unsafe extern "C" fn plp_sim_step(sim: *mut plp_sim) -> plp_status {
             if let Err(error @ (Error::Diverged { .. } | Error::Device(_))) = &stepped {
                 body.log.warning(|| error.to_string());
             }
-            stepped?;
             if body.sim.statistics().volume_ratio[0] <= 0.0
                 && !std::mem::replace(&mut body.is_overturned, true)
             {
                 body.log.warning(|| log::OVERTURNED.to_owned());
             }
+            stepped?;
             Ok(PLP_OK)
         })
     })
@@ -230,6 +230,7 @@ pub unsafe extern "C" fn plp_sim_reset(sim: *mut plp_sim) -> plp_status {
     boundary(|| {
         with_sim(sim, |body| {
             body.sim.reset();
+            body.is_overturned = false;
             Ok(PLP_OK)
         })
     })

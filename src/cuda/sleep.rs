@@ -1,4 +1,4 @@
-//! Which bricks sleep: the rules are those of `src/cpu/sleep.rs`, applied every few substeps.
+//! Which bricks sleep: the rules are those of `src/cpu/sleep.rs`, applied every few substeps. In steps in which a region is driven nothing sleeps.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ pub enum Plan {
     /// Some sleep, or all. So many blocks share those that are awake.
     Listed {
         blocks: u32,
-        /// Whether all sleep: then tools alone wake any, where sites are listed.
+        /// Whether all sleep and nothing in the step can wake any: it is looked at its end alone.
         is_still: bool,
     },
 }
@@ -55,6 +55,8 @@ pub struct Sleep {
     watched: Buffer<u32>,
     counts: Buffer<u32>,
     had_tools: bool,
+    /// Whether bricks were allowed to sleep in the last step.
+    could_sleep: bool,
     /// What the last step counted; nothing where all are awake.
     counted: Option<[u32; sleepers::COUNTS]>,
 }
@@ -79,6 +81,7 @@ impl Sleep {
             watched: Buffer::zeros(stream, bricks)?,
             counts: Buffer::zeros(stream, sleepers::COUNTS)?,
             had_tools: false,
+            could_sleep: false,
             counted: None,
         };
         sleep.asleep.write(bricks, &[NOT_THERE])?;
@@ -90,33 +93,43 @@ impl Sleep {
         self.thresholds = thresholds;
     }
 
-    /// What a step does in which bricks may sleep or may not. Where no tool is, none keeps bricks awake.
-    pub fn prepare(&mut self, may_sleep: bool, tools: usize) -> Result<Plan> {
+    /// What a step does in which bricks may sleep or may not. Where no tool is, none keeps bricks awake; where `lists`, sites are listed and may wake some.
+    pub fn prepare(&mut self, may_sleep: bool, tools: usize, lists: bool) -> Result<Plan> {
         if tools == 0 && std::mem::take(&mut self.had_tools) {
             self.near_tools.clear()?;
         }
         self.had_tools |= tools > 0;
         if !may_sleep {
-            self.wake_all()?;
+            if std::mem::take(&mut self.could_sleep) {
+                self.wake_all()?;
+            }
             return Ok(Plan::Never);
         }
+        self.could_sleep = true;
         Ok(match self.counted {
             None => Plan::AtEnd,
             Some(counted) => {
                 // More may wake: blocks then take several bricks.
                 let busy = counted[sleepers::AWAKE] + counted[sleepers::WATCHED];
                 let blocks = busy.next_power_of_two().max(FEWEST_BLOCKS);
-                Plan::Listed { blocks: blocks.min(self.bricks), is_still: busy == 0 }
+                Plan::Listed { blocks: blocks.min(self.bricks), is_still: busy == 0 && !lists }
             }
         })
     }
 
+    /// As at creation.
+    pub fn reset(&mut self) -> Result<()> {
+        self.near_tools.clear()?;
+        self.acted_on.clear()?;
+        self.wake_all()
+    }
+
     /// Wakes everything.
     pub fn wake_all(&mut self) -> Result<()> {
+        self.quiet.clear()?;
         if self.counted.take().is_none() {
             return Ok(());
         }
-        self.quiet.clear()?;
         self.asleep.clear()?;
         self.asleep.write(self.bricks as usize, &[NOT_THERE])
     }
@@ -165,6 +178,8 @@ impl Sleep {
         pass: &mut Pass,
         mut substeps: u32,
     ) -> Result<()> {
+        // What was seen once says nothing of a long time before.
+        substeps = substeps.min(LOOK_EVERY);
         let mut sleep = self.on_device();
         let launch = [
             (kernels.doze, (self.bricks * WARP).div_ceil(THREADS)),

@@ -224,7 +224,7 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         self.state.diverged_at.fill(SOUND)?;
         self.contact.clear()?;
-        self.sleep.wake_all()?;
+        self.sleep.reset()?;
         self.dropped_before = self.dropped;
         self.speed = 0.0;
         self.vis_viva = 0.0;
@@ -467,7 +467,8 @@ impl Solver for CudaSolver {
             ..Step::default()
         };
         let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
-        let sleep = self.sleep.prepare(plan.sleeping, plan.tools.len())?;
+        let may_sleep = plan.sleeping && plan.regions.is_empty();
+        let sleep = self.sleep.prepare(may_sleep, plan.tools.len(), contact.lists > 0)?;
         let start = self.state.current;
         let asked = self.ask(step, plan.substeps, Plans { contact, outside: outside.plan, sleep });
         let report = asked.and_then(|()| self.wait_for(sequence)).inspect_err(|_| {
@@ -491,10 +492,12 @@ impl Solver for CudaSolver {
         self.state.current = (start + taken as usize) % 2;
         if has_diverged {
             self.contact.lose_track();
-            self.sleep.wake_all()?;
             self.state.v.iter().try_for_each(Buffer::clear)?;
         }
         let [awake_bricks, awake_nodes] = self.sleep.tell(sleep, report.awake);
+        if has_diverged {
+            self.sleep.wake_all()?;
+        }
         self.dropped = self.dropped_before + u64::from(report.dropped_points);
         Ok(StepReport {
             substeps: taken,

@@ -17,6 +17,7 @@ static plp_status create(const plp_model *model, uint32_t backend, plp_sim **sim
     desc.backend = backend;
     desc.threads = 1;
     desc.log = count_fallbacks;
+    desc.flags &= ~PLP_SIM_SLEEPING; /* a driver that computes nothing counts nobody awake */
     return plp_sim_create(model, &desc, sim);
 }
 

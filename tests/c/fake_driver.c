@@ -30,7 +30,8 @@ typedef struct {
 } step_start;
 typedef struct {
     uint32_t diverged_at;
-    float measures[5];
+    float measures[4];
+    uint32_t awake[3];
     double vis_viva;
     uint32_t counts[2];
     uint64_t device_ns;
@@ -205,7 +206,7 @@ int cuLaunchKernelEx(const void *config, void *kernel, void **arguments, void **
     (void)config, (void)extra;
     if (kernel == &report_kernel) {
         recorded->step = at(*(const address *)arguments[2]);
-        recorded->report = at(*(const address *)arguments[7]);
+        recorded->report = at(*(const address *)arguments[8]);
     }
     return 0;
 }

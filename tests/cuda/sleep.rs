@@ -13,7 +13,7 @@ use palpate::solver::tool::{ToolDesc, ToolMotion};
 use super::gpu::has_gpu;
 use super::{CELL_M, GPU, difference};
 
-/// What sleep may hide of a displacement, in cells: the promise of its thresholds.
+/// What sleep may hide of a displacement in this press, in cells, as on the processor; its thresholds promise three times that at worst.
 const SLEEP_HIDES: f64 = 1e-2;
 /// Radius of the tool in m.
 const RADIUS_M: f64 = 6e-3;

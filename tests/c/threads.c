@@ -4,6 +4,7 @@
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
+#include <stdlib.h>
 
 static plp_sim *sim;
 static plp_tool *tool;
@@ -14,7 +15,9 @@ static void *servo(void *unused) {
     (void)unused;
     uint64_t last = 0;
     for (int i = 0; !atomic_load(&done); ++i) {
-        plp_motion motion = plp_motion_at(0.02, 0.02, 0.052 - 1e-7 * (i % 100000));
+        /* In and out at a steady pace: how far the tool gets in a step hangs on who has the processors. */
+        const double depth = 1e-7 * abs(i % 200000 - 100000);
+        plp_motion motion = plp_motion_at(0.02, 0.02, 0.042 + depth);
         plp_force force;
         CHECK(plp_tool_set_pose(tool, &motion) == PLP_OK);
         CHECK(plp_tool_get_force(tool, &force) == PLP_OK);

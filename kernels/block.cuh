@@ -4,7 +4,7 @@
 
 // Kernels of one stream that follow each other may overlap on newer devices: the next one's blocks start when all of this one's have let them, and
 // wait, before they read what it writes, until it has ended. Where that is not so these do nothing. A kernel that lets the next one start has waited
-// itself, so that what came before both has ended.
+// itself, so that what came before both has ended; those of the last two shares of a substep alone know better, see lattice.cu.
 __device__ __forceinline__ void wait_for_previous() {
 #if __CUDA_ARCH__ >= 900
     asm volatile("griddepcontrol.wait;" ::: "memory");

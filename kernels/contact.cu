@@ -443,6 +443,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __shared__ uint32_t largest, last_active;
     const uint32_t thread = threadIdx.x;
     const Step& step = *pass.step;
+    // Bricks that are not near tools have nothing to wait for.
+    if (pass.share == FIRST) let_next_start();
     // Tools and parts, before it is known how many there are.
     constexpr uint32_t TOOL_WORDS = sizeof(ToolStep) / 4, PART_WORDS = sizeof(Part) / 4;
     const uint32_t* const tool_words = reinterpret_cast<const uint32_t*>(step.tools);

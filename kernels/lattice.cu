@@ -171,9 +171,20 @@ __device__ __forceinline__ float warp_sum(float x) {
     return x;
 }
 
-// One brick; of one that sleeps it is only seen how it would accelerate.
+// The rest need not wait for contact, which follows the bricks that came first: what it reads was there before these.
+__device__ __forceinline__ void begin(const Pass& pass) {
+    if (pass.share != REST) wait_for_previous();
+    let_next_start();
+    note_start(pass);
+}
+// But it has not ended before contact has.
+__device__ __forceinline__ void end(const Pass& pass) {
+    if (pass.share == REST && blockIdx.x == 0) wait_for_previous();
+}
+
+// One brick, which may be the block's first; of one that sleeps it is only seen how it would accelerate.
 template <bool VOLUME, bool DAMPED, bool SLEEPS>
-__device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, const bool is_asleep) {
+__device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, const bool is_first, const bool is_asleep) {
     __shared__ Shared<VOLUME, DAMPED> s;
     __shared__ float cells[VOLUME ? 9 : 1][VOLUME ? CELLS : 1];
     __shared__ Mark marks[BRICK_NODES / 32];
@@ -183,11 +194,9 @@ __device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, 
     const size_t slot = size_t(brick) * BRICK_NODES + node;
     const uint32_t around = pass.neighbours[brick * 27 + (lane < 27 ? lane : 0)], flags = pass.flags[slot];
     if (node < 16) s.laws[node] = pass.laws[node];
-    if constexpr (!SLEEPS) {
-        wait_for_previous();
-        let_next_start();
-        note_start(pass);
-    }
+    if (is_first) begin(pass);
+
+    if (!SLEEPS && pass.share == REST && pass.near_tools[brick]) return;
 
     // Once a substep has gone wrong, those behind it leave its state as it is.
     if (*pass.diverged_at < pass.substep) return;
@@ -324,18 +333,22 @@ __device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, 
     }
 }
 
-// The bricks that are awake and, in substeps that leave marks, those that are watched.
+// Listed bricks, which are awake, and, in substeps that leave marks, those that are watched.
 template <bool VOLUME, bool DAMPED>
 __device__ __forceinline__ void advance_awake(const Pass& pass, const Sleep& sleep) {
-    wait_for_previous();
-    let_next_start();
-    note_start(pass);
+    // No list changes while substeps overlap.
     const uint32_t awake = sleep.counts[AWAKE], all = awake + (pass.mark ? sleep.counts[WATCHED] : 0);
+    bool is_first = true;
 #pragma unroll 1
     for (uint32_t i = blockIdx.x; i < all; i += gridDim.x) {
-        advance<VOLUME, DAMPED, true>(pass, i < awake ? sleep.awake[i] : sleep.watched[i - awake], i >= awake);
+        const uint32_t brick = i < awake ? sleep.awake[i] : sleep.watched[i - awake];
+        if (pass.share == REST && pass.near_tools[brick]) continue;
+        advance<VOLUME, DAMPED, true>(pass, brick, is_first, i >= awake);
+        is_first = false;
         __syncthreads();
     }
+    if (is_first) begin(pass);
+    end(pass);
 }
 
 }  // namespace lattice_kernel
@@ -343,7 +356,8 @@ using namespace lattice_kernel;
 
 #define PLP_LATTICE(NAME, VOLUME, DAMPED)                                                                                         \
     extern "C" __global__ void __launch_bounds__(BRICK_NODES) NAME(const __grid_constant__ Pass pass) {                           \
-        advance<VOLUME, DAMPED, false>(pass, blockIdx.x, false);                                                                  \
+        advance<VOLUME, DAMPED, false>(pass, blockIdx.x, true, false);                                                            \
+        end(pass);                                                                                                                \
     }                                                                                                                             \
     extern "C" __global__ void __launch_bounds__(BRICK_NODES)                                                                     \
         NAME##_awake(const __grid_constant__ Pass pass, const __grid_constant__ Sleep sleep) {                                    \

@@ -93,6 +93,9 @@ struct Report {
     uint32_t sequence;
 };
 
+// Bricks that a kernel advances: all of them; or first those near tools, which contact follows, and then, while contact is at work, the rest.
+enum Share { WHOLE, FIRST, REST };
+
 // The fields of one simulation on the device. `u` holds displacement and, in its last word, the node's eight cell materials;
 // behind the last brick lies one of zeros, which stands for every brick that is not there.
 struct Pass {
@@ -115,9 +118,14 @@ struct Pass {
     uint32_t substep;
     // Whether marks are wanted.
     uint32_t mark;
-    // Bricks that may not sleep, for a tool is near them, or something else acts on them.
-    uint8_t* near_tools;  // [bricks + 1]
-    uint8_t* acted_on;    // [bricks + 1]
+    // Which bricks advance: a Share.
+    uint32_t share;
+    // Bricks that may not sleep, for a tool is near them, or something else acts on them; and a list of the former, with how many they are in place of
+    // those that are awake.
+    uint32_t* near_tools;   // [bricks + 1]
+    uint8_t* acted_on;      // [bricks + 1]
+    uint32_t* near_bricks;  // [bricks]
+    uint32_t* near_counts;  // [SLEEP_COUNTS]
 };
 
 // Which bricks sleep. What stands for every brick that is not there sleeps for ever.

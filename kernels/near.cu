@@ -112,6 +112,42 @@ __device__ bool is_close(const Contact& c, const float4& a, const float4& b) {
     return dot(apart, apart) <= c.reach * c.reach;
 }
 
+// Sites that a warp has found close to a place and has not yet looked at: fewer than a warp's, and those of one round.
+constexpr uint32_t ROUND = 4 * 32, FOUND = ROUND + 31;
+
+// Has a warp look at all sites close to a place, in their order, one a lane: look(site, whether there is one). Few of all sites are close: they are
+// sorted out first, by loads that do not wait for each other.
+template <class Look>
+__device__ void look_at_close(const Contact& c, const float4& place, uint32_t sites, uint16_t* found, Look look) {
+    const uint32_t lane = threadIdx.x & 31, below = (1u << lane) - 1;
+    uint32_t count = 0;
+#pragma unroll 1
+    for (uint32_t first = 0; first < sites; first += ROUND) {
+        float4 rests[ROUND / 32];
+#pragma unroll
+        for (uint32_t k = 0; k < ROUND / 32; ++k) rests[k] = c.site_rest[min(first + 32 * k + lane, MAX_SITES - 1)];
+#pragma unroll
+        for (uint32_t k = 0; k < ROUND / 32; ++k) {
+            const uint32_t site = first + 32 * k + lane;
+            const bool is_found = site < sites && is_close(c, place, rests[k]);
+            const uint32_t all = __ballot_sync(~0u, is_found);
+            if (is_found) found[count + __popc(all & below)] = site;
+            count += __popc(all);
+        }
+        __syncwarp();
+        uint32_t done = 0;
+#pragma unroll 1
+        for (; count - done >= 32; done += 32) look(found[done + lane], true);
+        count -= done;
+        const uint16_t left = lane < count ? found[done + lane] : 0;
+        __syncwarp();
+        if (lane < count) found[lane] = left;
+        __syncwarp();
+    }
+    if (count) look(lane < count ? found[lane] : 0, lane < count);
+    __syncwarp();
+}
+
 }  // namespace near_kernel
 using namespace near_kernel;
 
@@ -139,7 +175,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_near(const __grid_
 }
 
 // Lists the marked elements in their order, and counts their sites.
-extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c) {
+extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
     const uint32_t words = (c.divides ? c.first_triangle + c.triangles + 31 : c.vertices + 31) / 32;
     uint32_t count = 0, sites = 0, total;
     for (uint32_t first = 0; first < words; first += LIST_THREADS) {
@@ -169,6 +205,7 @@ extern "C" __global__ void __launch_bounds__(LIST_THREADS) contact_list(const __
         c.counts[NEAR] = near;
         c.counts[SITES] = min(sites, MAX_SITES);
         c.counts[CARRIERS] = c.counts[LOADS] = 0;
+        pass.near_counts[AWAKE] = 0;
     }
 }
 
@@ -188,28 +225,39 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
     const uint32_t element = c.near[at];
     uint32_t division = 1;
     float most = 0.0f;
-    // Who is first to put weight on a node makes a carrier of it.
-    const auto put = [&](uint32_t place, uint32_t slot, float weight) {
-        c.site_slots[place * MAX_SITES + site] = slot;
-        c.site_weights[place * MAX_SITES + site] = weight;
-        if (weight == 0.0f) return;
-        const float4 mobility = mobility_of(pass, slot);
-        most = fmaxf(most, fabsf(weight) * fmaxf(mobility.x, fmaxf(mobility.y, mobility.z)));
-        if (atomicCAS(&c.carrier_at[slot], NONE, 0) != NONE) return;
-        const uint32_t carrier = atomicAdd(&c.counts[CARRIERS], 1);
-        c.carrier_at[slot] = carrier;
-        c.carriers[carrier] = {slot, 0, 0, site};
-        c.mobility[carrier] = mobility;
+    // Eight nodes of a row, from a place on. Who is first to put weight on a node makes a carrier of it.
+    const auto put = [&](uint32_t place, const uint32_t slots[8], const float weights[8]) {
+        float4 mobilities[8];
+        bool is_first[8];
+#pragma unroll
+        for (int i = 0; i < 8; ++i) {
+            c.site_slots[(place + i) * MAX_SITES + site] = slots[i];
+            c.site_weights[(place + i) * MAX_SITES + site] = weights[i];
+            mobilities[i] = mobility_of(pass, slots[i]);
+        }
+#pragma unroll
+        for (int i = 0; i < 8; ++i) is_first[i] = weights[i] != 0.0f && atomicCAS(&c.carrier_at[slots[i]], NONE, 0) == NONE;
+#pragma unroll
+        for (int i = 0; i < 8; ++i) {
+            const float4& mobility = mobilities[i];
+            most = fmaxf(most, fabsf(weights[i]) * fmaxf(mobility.x, fmaxf(mobility.y, mobility.z)));
+            if (!is_first[i]) continue;
+            const uint32_t carrier = atomicAdd(&c.counts[CARRIERS], 1);
+            c.carrier_at[slots[i]] = carrier;
+            c.carriers[carrier] = {slots[i], 0, 0, site};
+            c.mobility[carrier] = mobility;
+        }
     };
+    constexpr uint32_t NO_SLOTS[8] = {};
+    constexpr float NO_WEIGHTS[8] = {};
     Vec rest;
     if (element < c.first_triangle) {
         rest = rest_of(c, element);
         c.site_edges[site] = c.vertex_edges[element];
         const NodeRow row = row_of(c, element);
-#pragma unroll
-        for (int i = 0; i < 8; ++i) put(i, row.node[i], row.weight[i]);
+        put(0, row.node, row.weight);
 #pragma unroll 1
-        for (uint32_t i = 8; i < row_length(c); ++i) put(i, 0, 0.0f);
+        for (uint32_t i = 8; i < row_length(c); i += 8) put(i, NO_SLOTS, NO_WEIGHTS);
     } else {
         const uint32_t triangle = element - c.first_triangle, *corners = c.corners + 3 * triangle;
         c.site_edges[site] = c.triangle_edges[triangle];
@@ -222,7 +270,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
         const float shares[3] = {share.x, share.y, share.z};
         rest = rest_of(c, corners[0]) * share.x + rest_of(c, corners[1]) * share.y + rest_of(c, corners[2]) * share.z;
         // Nodes that corners have in common come once.
-        uint32_t slots[MAX_ROW], count = 0;
+        uint32_t slots[MAX_ROW] = {}, count = 0;
         float weights[MAX_ROW] = {};
 #pragma unroll 1
         for (int corner = 0; corner < 3; ++corner) {
@@ -236,16 +284,17 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_sites(const __grid
             }
         }
 #pragma unroll 1
-        for (uint32_t i = 0; i < MAX_ROW; ++i) put(i, i < count ? slots[i] : 0, i < count ? weights[i] : 0.0f);
+        for (uint32_t i = 0; i < MAX_ROW; i += 8) put(i, slots + i, weights + i);
     }
     c.site_rest[site] = make_float4(rest.x, rest.y, rest.z, most);
     c.site_names[site] = make_uint2(element, division);
 }
 
-// Which sites each node carries, in their order: a warp for each node. Its brick stays awake.
+// Which sites each node carries, in their order: a warp for each node. Its brick is listed.
 extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid_constant__ Contact c, const __grid_constant__ Pass pass) {
-    const uint32_t lane = threadIdx.x & 31, sites = c.counts[SITES], carriers = c.counts[CARRIERS], row = row_length(c);
-    for (uint32_t carrier = blockIdx.x * WARPS + threadIdx.x / 32; carrier < carriers; carrier += gridDim.x * WARPS) {
+    __shared__ uint16_t found[WARPS][FOUND];
+    const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES], carriers = c.counts[CARRIERS], row = row_length(c);
+    for (uint32_t carrier = blockIdx.x * WARPS + warp; carrier < carriers; carrier += gridDim.x * WARPS) {
         const Carrier known = c.carriers[carrier];
         const float4 rest = c.site_rest[known.name];
         // Counted first, written then.
@@ -253,22 +302,18 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid
 #pragma unroll 1
         for (int round = 0; round < 2; ++round) {
             count = 0;
-#pragma unroll 1
-            for (uint32_t first = 0; first < sites; first += 32) {
-                const uint32_t site = first + lane;
+            look_at_close(c, rest, sites, found[warp], [&](uint32_t site, bool is_there) {
                 float weight = 0.0f;
-                if (site < sites && is_close(c, rest, c.site_rest[site])) {
-                    // Eight at a time, so that their loads do not wait for each other.
+                // Eight at a time, so that their loads do not wait for each other.
 #pragma unroll 8
-                    for (uint32_t i = 0; i < row; ++i) {
-                        const float w = c.site_weights[i * MAX_SITES + site];
-                        if (c.site_slots[i * MAX_SITES + site] == known.slot && w != 0.0f) weight = w;
-                    }
+                for (uint32_t i = 0; i < row; ++i) {
+                    const float w = c.site_weights[i * MAX_SITES + site];
+                    if (is_there && c.site_slots[i * MAX_SITES + site] == known.slot && w != 0.0f) weight = w;
                 }
                 const uint32_t carried = __ballot_sync(~0u, weight != 0.0f);
                 if (round == 1 && weight != 0.0f) c.loads[start + count + __popc(carried & ((1u << lane) - 1))] = {site, weight};
                 count += __popc(carried);
-            }
+            });
             if (round == 0) {
                 if (lane == 0) start = atomicAdd(&c.counts[LOADS], count);
                 start = __shfl_sync(~0u, start, 0);
@@ -276,7 +321,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_carry(const __grid
         }
         if (lane > 0) continue;
         c.carriers[carrier] = {known.slot, start, count, carrier};
-        pass.near_tools[known.slot / BRICK_NODES] = 1;
+        const uint32_t brick = known.slot / BRICK_NODES;
+        if (atomicExch(&pass.near_tools[brick], 1) == 0) pass.near_bricks[atomicAdd(&pass.near_counts[AWAKE], 1)] = brick;
     }
 }
 
@@ -285,6 +331,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
     __shared__ uint32_t slots[WARPS][MAX_ROW];
     __shared__ float weights[WARPS][MAX_ROW];
     __shared__ float4 mobilities[WARPS][MAX_ROW];
+    __shared__ uint16_t found[WARPS][FOUND];
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, sites = c.counts[SITES], row = row_length(c);
     for (uint32_t site = blockIdx.x * WARPS + warp; site < sites; site += gridDim.x * WARPS) {
         const float4 rest = c.site_rest[site];
@@ -300,32 +347,28 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
         __syncwarp();
         const uint32_t start = site * MAX_COUPLED;
         uint32_t count = 0;
-#pragma unroll 1
-        for (uint32_t first = 0; first < sites; first += 32) {
-            const uint32_t other = first + lane;
+        look_at_close(c, rest, sites, found[warp], [&](uint32_t other, bool is_there) {
             float4 by = make_float4(0, 0, 0, 0);
-            if (other < sites && is_close(c, rest, c.site_rest[other])) {
 #pragma unroll 8
-                for (uint32_t i = 0; i < row; ++i) {
-                    const float w = c.site_weights[i * MAX_SITES + other];
-                    const uint32_t on = c.site_slots[i * MAX_SITES + other];
-                    // A node comes once in a row; what is not there weighs nothing.
-                    uint32_t at = row;
+            for (uint32_t i = 0; i < row; ++i) {
+                const float w = is_there ? c.site_weights[i * MAX_SITES + other] : 0.0f;
+                const uint32_t on = c.site_slots[i * MAX_SITES + other];
+                // A node comes once in a row; what is not there weighs nothing.
+                uint32_t at = row;
 #pragma unroll 8
-                    for (uint32_t j = 0; j < row; ++j) at = slots[warp][j] == on && weights[warp][j] != 0.0f ? j : at;
-                    if (at == row) continue;
-                    const float share = w * weights[warp][at];
-                    const float4 m = mobilities[warp][at];
-                    by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
-                }
+                for (uint32_t j = 0; j < row; ++j) at = slots[warp][j] == on && weights[warp][j] != 0.0f ? j : at;
+                if (at == row) continue;
+                const float share = w * weights[warp][at];
+                const float4 m = mobilities[warp][at];
+                by.x += share * m.x, by.y += share * m.y, by.z += share * m.z, by.w += share * m.w;
             }
             const bool is_coupled = by.x != 0.0f || by.y != 0.0f || by.z != 0.0f;
             const uint32_t coupled = __ballot_sync(~0u, is_coupled);
             const uint32_t at = count + __popc(coupled & ((1u << lane) - 1));
             if (is_coupled && at < MAX_COUPLED) c.couplings[start + at] = make_float4(by.x, by.y, by.z, __uint_as_float(other));
-            if (other == site) c.site_own[site] = by;
+            if (is_there && other == site) c.site_own[site] = by;
             count += __popc(coupled);
-        }
+        });
         for (uint32_t at = count + lane; at < MAX_COUPLED; at += 32) c.couplings[start + at] = make_float4(0, 0, 0, 0);
         if (lane == 0) c.site_coupled[site] = count;
         __syncwarp();

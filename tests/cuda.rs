@@ -18,6 +18,7 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{Backend, NodeField, Place, Precision, Sim, SimDesc, SurfaceField, ToolPort};
+use palpate::solver::load::Load;
 use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
 
 /// Relative difference of displacements after a thousand substeps in single precision, at strains of some percent.
@@ -38,8 +39,13 @@ fn most(numbers: impl Iterator<Item = f64>) -> f64 {
 
 /// A block of two tissues, held below.
 fn block(poisson: f64, damping_s: f64) -> Arc<Model> {
-    let dims = [22, 18, 13];
-    let labels = (0..dims.iter().product()).map(|i: usize| 1 + u16::from(i % 22 > 11)).collect();
+    block_of([22, 18, 13], poisson, damping_s)
+}
+
+/// The same of any size, in cells.
+fn block_of(dims: [usize; 3], poisson: f64, damping_s: f64) -> Arc<Model> {
+    let labels =
+        (0..dims.iter().product()).map(|i: usize| 1 + u16::from(i % dims[0] > dims[0] / 2)).collect();
     let frame = Pose::from_parts(
         Vec3::new(0.01, -0.02, 0.03).into(),
         palpate::math::Quat::from_euler_angles(0.1, -0.2, 0.3),
@@ -287,6 +293,44 @@ fn a_press_feels_and_looks_as_on_the_processor() {
         let pairs = cpu.scalars.iter().zip(gpu.scalars);
         let off = most(pairs.map(|(a, b)| f64::from((a - b).abs())));
         assert!(off < 1e-3 * largest, "{field:?}: {off} of {largest}");
+    }
+}
+
+#[test]
+fn bricks_near_tools_that_advance_first_move_as_if_all_advanced_together() {
+    if !has_gpu("bricks_near_tools_that_advance_first_move_as_if_all_advanced_together") {
+        return;
+    }
+    for damping_s in [0.0, 2e-5] {
+        // So large that near bricks come first; where a load acts, be it none at all, all come together.
+        let dims = [80, 60, 36];
+        let model = block_of(dims, 0.45, damping_s);
+        let mut sims = [0, 1].map(|_| simulation(&model, GPU, Precision::Single));
+        let place = |cell: Vec3| model.frame().transform_point(&(cell * CELL_M).into()).coords;
+        sims[0].add_load(&Load::Point { at_m: place(Vec3::zeros()), force_n: Vec3::zeros() }).unwrap();
+        let desc = ToolDesc { friction: 0.3, ..ToolDesc::sphere(9e-3) };
+        let mut tools = sims.each_mut().map(|sim| sim.add_tool(&desc).unwrap());
+        let top = place(Vec3::new(40.0, 30.0, 36.0));
+        let (outward, along) = (model.frame() * Vec3::z(), model.frame() * Vec3::x());
+        let mut most_n = 0.0;
+        for step in 0..60 {
+            // In, and then aside: so fast that contact takes several moves in a substep.
+            let (deep, aside) =
+                if step < 40 { (2e-4 * f64::from(step), 0.0) } else { (4e-3, 3e-3 * f64::from(step - 39)) };
+            let at = top + outward * (9e-3 - deep) + along * aside;
+            for (sim, tool) in sims.iter_mut().zip(&mut tools) {
+                tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+                sim.step().unwrap();
+            }
+            let [together, apart] = tools.each_mut().map(|tool| tool.force().wrench);
+            assert_eq!(together, apart, "step {step}");
+            most_n = together.force_n.norm().max(most_n);
+        }
+        assert!(most_n > 0.1, "{most_n} N");
+        for field in [NodeField::Displacement, NodeField::Velocity] {
+            let [together, apart] = sims.each_ref().map(|sim| sim.nodes(field));
+            assert!(together == apart, "{field:?} differ by {:e}", difference(&together, &apart));
+        }
     }
 }
 

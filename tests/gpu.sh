@@ -102,6 +102,7 @@ run_benches() {
     attempt bench-ellipsoid "$bench" --backend cuda --json --scene ellipsoid
     attempt bench-thorax "$bench" --backend cuda --json \
         --scene lung-4.5mm --scene thorax-4.5mm --scene thorax-3mm --scene thorax-1.5mm
+    attempt bench-still "$bench" --backend cuda --json --still
     attempt bench-latency "$bench" --backend cuda --json --latency
 }
 

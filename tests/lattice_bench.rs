@@ -69,6 +69,7 @@ fn a_tick_has_one_substep_and_there_is_at_least_one() {
     assert!(is_refused(&["--latency", "--substeps", "2"]));
     assert!(is_refused(&["--latency", "--scene", "ellipsoid"]));
     assert!(is_refused(&["--ticks", "10"]));
+    assert!(is_refused(&["--latency", "--still"]));
 }
 
 #[test]

@@ -37,11 +37,7 @@ const HELD: f64 = 0.15;
 
 /// Runs all sizes and Poisson's ratios that the options ask for.
 pub fn run(options: &Options, report: &mut Report) {
-    let sizes = match options.backend {
-        Backend::Cpu => CPU_SIZES,
-        Backend::Cuda => CUDA_SIZES,
-    };
-    for nodes in options.nodes.map_or(sizes.to_vec(), |n| vec![n]) {
+    for nodes in sizes(options) {
         for poisson in ratios(options) {
             match scene(nodes, poisson, options) {
                 Ok(scene) => report.add(measure(&scene, options)),
@@ -49,6 +45,15 @@ pub fn run(options: &Options, report: &mut Report) {
             }
         }
     }
+}
+
+/// Numbers of nodes that the options ask for.
+pub fn sizes(options: &Options) -> Vec<usize> {
+    let all = match options.backend {
+        Backend::Cpu => CPU_SIZES,
+        Backend::Cuda => CUDA_SIZES,
+    };
+    options.nodes.map_or(all.to_vec(), |nodes| vec![nodes])
 }
 
 /// Poisson's ratios that the options ask for.

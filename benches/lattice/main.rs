@@ -25,6 +25,8 @@
 //! `max_us` are then wall times of ticks, `step_p50_us` to `step_p999_us` those of the steps in them as the simulation itself counts them
 //! (up to 19 % too long, see [`palpate::sim::Latency`]), `min_force_n` and `max_force_n` the bounds of the force while they were taken.
 //!
+//! With `--still`, no tool is there, and `us_per_step` is what a substep takes of tissue that is all awake, and then of tissue that all sleeps.
+//!
 //! Gravity is on and the rest shape is in balance with it, as in any simulation that does not ask otherwise; so is background drag. Steps
 //! without any contact are an error, and so is a missing GPU.
 
@@ -42,6 +44,7 @@ pub(crate) mod pace;
 pub(crate) mod place;
 mod press;
 mod report;
+mod still;
 mod thorax;
 
 use self::options::{Options, SceneName};
@@ -67,6 +70,10 @@ fn run(options: &Options, place: Place) -> ExitCode {
     let mut report = Report::new(options.json, place);
     if options.latency {
         latency::run(options, &mut report);
+        return report.finish();
+    }
+    if options.still {
+        still::run(options, &mut report);
         return report.finish();
     }
     for scene in options.scenes() {

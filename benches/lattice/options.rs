@@ -50,6 +50,10 @@ pub struct Options {
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub threads: usize,
 
+    /// Measure tissue at rest without a tool instead, awake and asleep
+    #[arg(long, conflicts_with_all = ["scenes", "latency"])]
+    pub still: bool,
+
     /// Measure what a servo loop waits for instead: pose in, a step of one substep, force out, in the ellipsoid
     #[arg(long, conflicts_with = "scenes")]
     pub latency: bool,

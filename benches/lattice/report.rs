@@ -31,6 +31,8 @@ pub struct Figures {
     pub timing: Option<Timing>,
     #[serde(flatten)]
     pub latency: Option<Latency>,
+    #[serde(flatten)]
+    pub still: Option<Still>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
 }
@@ -85,12 +87,23 @@ pub struct Latency {
     pub dropped_points: u64,
 }
 
+/// What substeps without a tool have taken.
+#[derive(Clone, Debug, Serialize)]
+pub struct Still {
+    pub substep_s: f64,
+    pub substeps: u32,
+    pub us_per_step: f64,
+    pub least_us_per_step: f64,
+    pub awake_nodes: u64,
+}
+
 /// Collects figures.
 pub struct Report {
     is_json: bool,
     place: Place,
     scenes: Table,
     latencies: Table,
+    stills: Table,
     has_failed: bool,
 }
 
@@ -126,10 +139,12 @@ const LATENCIES: [&str; 10] = [
     "allocations",
 ];
 
+const STILLS: [&str; 6] = ["scene", "nodes", "ν", "awake", "substeps × ms", "µs/substep (least)"];
+
 impl Report {
     pub fn new(is_json: bool, place: Place) -> Self {
-        let (scenes, latencies) = (empty(SCENES), empty(LATENCIES));
-        Self { is_json, place, scenes, latencies, has_failed: false }
+        let (scenes, latencies, stills) = (empty(SCENES), empty(LATENCIES), empty(STILLS));
+        Self { is_json, place, scenes, latencies, stills, has_failed: false }
     }
 
     /// Adds the figures of one run.
@@ -151,6 +166,9 @@ impl Report {
         if let Some(latency) = &figures.latency {
             self.latencies.add_row(latency_row(&figures, latency));
         }
+        if let Some(still) = &figures.still {
+            self.stills.add_row(still_row(&figures, still));
+        }
     }
 
     /// Notes that a scene could not be built.
@@ -167,7 +185,9 @@ impl Report {
     pub fn finish(self) -> ExitCode {
         let Place { device, precision, threads, .. } = &self.place;
         let threads = threads.map_or(String::new(), |threads| format!(", {threads} threads"));
-        for table in [&self.scenes, &self.latencies].into_iter().filter(|table| !table.is_empty()) {
+        for table in
+            [&self.scenes, &self.latencies, &self.stills].into_iter().filter(|table| !table.is_empty())
+        {
             println!("{device}{threads}, {precision}\n{table}");
         }
         ExitCode::from(u8::from(self.has_failed))
@@ -232,5 +252,17 @@ fn latency_row(figures: &Figures, latency: &Latency) -> [String; 10] {
         format!("{:.1}", latency.max_us),
         format!("{:.2} / {:.2}", latency.min_force_n, latency.max_force_n),
         latency.allocations.to_string(),
+    ]
+}
+
+fn still_row(figures: &Figures, still: &Still) -> [String; 6] {
+    let [_, poisson] = material(figures);
+    [
+        figures.scene.clone(),
+        figures.nodes.to_string(),
+        poisson,
+        still.awake_nodes.to_string(),
+        format!("{} × {:.3}", still.substeps, still.substep_s * 1e3),
+        format!("{:.2} ({:.2})", still.us_per_step, still.least_us_per_step),
     ]
 }

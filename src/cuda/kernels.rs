@@ -213,6 +213,16 @@ impl Kernels {
 }
 
 impl Kernel {
+    /// Whether it may start before what came before it on its stream has ended.
+    pub fn overlaps(self) -> bool {
+        self.overlaps
+    }
+
+    /// The kernel where it must not start before all has ended that came before it.
+    pub fn alone(self) -> Self {
+        Self { overlaps: false, ..self }
+    }
+
     /// Asks a stream, whose context is current, to run the kernel.
     ///
     /// # Safety

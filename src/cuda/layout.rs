@@ -210,6 +210,13 @@ impl Default for Report {
 /// No substep went wrong.
 pub const SOUND: u32 = u32::MAX;
 
+/// Bricks that a kernel advances.
+pub mod share {
+    pub const WHOLE: u32 = 0;
+    pub const FIRST: u32 = 1;
+    pub const REST: u32 = 2;
+}
+
 /// The fields of one simulation on the device.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
@@ -228,8 +235,11 @@ pub struct Pass {
     pub cell: f32,
     pub substep: u32,
     pub mark: u32,
+    pub share: u32,
     pub near_tools: CUdeviceptr,
     pub acted_on: CUdeviceptr,
+    pub near_bricks: CUdeviceptr,
+    pub near_counts: CUdeviceptr,
 }
 
 /// Which bricks sleep.

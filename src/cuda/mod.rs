@@ -10,6 +10,7 @@ mod graph;
 mod kernels;
 mod layout;
 mod memory;
+mod near;
 mod outside;
 mod sleep;
 pub mod solver;

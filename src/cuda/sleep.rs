@@ -46,7 +46,6 @@ pub struct Sleep {
     bricks: u32,
     nodes: u32,
     thresholds: Thresholds,
-    near_tools: Buffer<u8>,
     acted_on: Buffer<u8>,
     asleep: Buffer<u8>,
     quiet: Buffer<u8>,
@@ -54,7 +53,6 @@ pub struct Sleep {
     awake: Buffer<u32>,
     watched: Buffer<u32>,
     counts: Buffer<u32>,
-    had_tools: bool,
     /// Whether bricks were allowed to sleep in the last step.
     could_sleep: bool,
     /// What the last step counted; nothing where all are awake.
@@ -72,7 +70,6 @@ impl Sleep {
             bricks: bricks as u32,
             nodes: lattice.node_count() as u32,
             thresholds: Thresholds { speed: 0.0, acceleration: 0.0 },
-            near_tools: Buffer::zeros(stream, bricks + 1)?,
             acted_on: Buffer::zeros(stream, bricks + 1)?,
             asleep: Buffer::zeros(stream, bricks + 1)?,
             quiet: Buffer::zeros(stream, bricks)?,
@@ -80,7 +77,6 @@ impl Sleep {
             awake: Buffer::zeros(stream, bricks)?,
             watched: Buffer::zeros(stream, bricks)?,
             counts: Buffer::zeros(stream, sleepers::COUNTS)?,
-            had_tools: false,
             could_sleep: false,
             counted: None,
         };
@@ -93,12 +89,8 @@ impl Sleep {
         self.thresholds = thresholds;
     }
 
-    /// What a step does in which bricks may sleep or may not. Where no tool is, none keeps bricks awake; where `lists`, sites are listed and may wake some.
-    pub fn prepare(&mut self, may_sleep: bool, tools: usize, lists: bool) -> Result<Plan> {
-        if tools == 0 && std::mem::take(&mut self.had_tools) {
-            self.near_tools.clear()?;
-        }
-        self.had_tools |= tools > 0;
+    /// What a step does in which bricks may sleep or may not. Where `lists`, sites are listed and may wake some.
+    pub fn prepare(&mut self, may_sleep: bool, lists: bool) -> Result<Plan> {
         if !may_sleep {
             if std::mem::take(&mut self.could_sleep) {
                 self.wake_all()?;
@@ -119,7 +111,6 @@ impl Sleep {
 
     /// As at creation.
     pub fn reset(&mut self) -> Result<()> {
-        self.near_tools.clear()?;
         self.acted_on.clear()?;
         self.wake_all()
     }
@@ -144,9 +135,9 @@ impl Sleep {
         [counted[sleepers::AWAKE], counted[sleepers::AWAKE_NODES]].map(u64::from)
     }
 
-    /// Where bricks are noted that may not sleep.
-    pub fn kept(&self) -> [CUdeviceptr; 2] {
-        [self.near_tools.at(), self.acted_on.at()]
+    /// Where bricks are noted that may not sleep, for something else than tools acts on them.
+    pub fn acted_on(&self) -> CUdeviceptr {
+        self.acted_on.at()
     }
 
     /// What kernels know.

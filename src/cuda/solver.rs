@@ -8,14 +8,13 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
-use cudarc::driver::sys::CUdeviceptr;
-
 use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
-use super::kernels::Kernels;
-use super::layout::{Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step};
+use super::kernels::{Kernel, Kernels};
+use super::layout::{self, Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step, share};
 use super::memory::{Buffer, Pinned, Stream};
+use super::near::NearTools;
 use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
@@ -38,6 +37,11 @@ const PROBE: f64 = 1e-3;
 const MAX_GRAPHS: usize = 32;
 /// Looks at the report between two looks at whether the device still works.
 const PATIENCE: u32 = 1000;
+/// From so many blocks on bricks near tools advance before the others, so that contact is at work while these advance: with fewer, one more kernel
+/// takes longer than it saves. See docs/gpu.md.
+const APART_BLOCKS: u32 = 600;
+/// Blocks for the bricks near tools.
+const NEAR_BLOCKS: u32 = 128;
 
 /// A simulation's state on a GPU.
 #[derive(Debug)]
@@ -50,6 +54,7 @@ pub struct CudaSolver {
     report: Pinned<Report>,
     contact: ContactSurface,
     outside: Outside,
+    near: NearTools,
     sleep: Sleep,
     /// Surfaces that were shown.
     surfaces: Vec<Option<SurfaceOnDevice>>,
@@ -140,7 +145,7 @@ impl State {
     }
 
     /// What substep number `substep` of a step reads and writes, when the step starts at copy `start` of `u`.
-    fn pass(&self, start: usize, substep: u32, mark: bool, kept: [CUdeviceptr; 2]) -> Pass {
+    fn pass(&self, start: usize, substep: u32, mark: bool) -> Pass {
         let from = (start + substep as usize + 1) % 2;
         let v = |copy: usize| self.v[copy % self.v.len()].at();
         Pass {
@@ -158,8 +163,11 @@ impl State {
             cell: self.cell,
             substep,
             mark: u32::from(mark),
-            near_tools: kept[0],
-            acted_on: kept[1],
+            share: share::WHOLE,
+            near_tools: 0,
+            acted_on: 0,
+            near_bricks: 0,
+            near_counts: 0,
         }
     }
 
@@ -190,6 +198,7 @@ impl CudaSolver {
             report: Pinned::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
             outside: Outside::new(model, &stream)?,
+            near: NearTools::new(model.lattice().bricks().len(), &stream)?,
             sleep: Sleep::new(model, &stream)?,
             surfaces: model.surfaces().iter().map(|_| None).collect(),
             graphs: HashMap::new(),
@@ -224,6 +233,7 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         self.state.diverged_at.fill(SOUND)?;
         self.contact.clear()?;
+        self.near.clear()?;
         self.sleep.reset()?;
         self.dropped_before = self.dropped;
         self.speed = 0.0;
@@ -253,6 +263,14 @@ impl CudaSolver {
         Ok(())
     }
 
+    /// As [`State::pass`], with the bricks that may not sleep.
+    fn pass(&self, start: usize, substep: u32, mark: bool) -> Pass {
+        let mut pass = self.state.pass(start, substep, mark);
+        self.near.note_in(&mut pass);
+        pass.acted_on = self.sleep.acted_on();
+        pass
+    }
+
     /// The work of one step, in order.
     fn work(&self, substeps: u32, start: usize, Plans { contact, outside, sleep }: Plans) -> Result<()> {
         let (device, stream) = (&self.stream.device, self.stream.handle);
@@ -265,13 +283,13 @@ impl CudaSolver {
                 stream,
             );
             device.driver.check(status, "recording a step")?;
+            let mut are_lists_new = true;
             for substep in 1..=substeps {
                 let look = sleep.look(substep, substeps);
                 let mark = outside.settles || substep == substeps || look.is_some();
-                let mut pass = self.state.pass(start, substep, mark, self.sleep.kept());
+                let mut pass = self.pass(start, substep, mark);
                 let lists = self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
-                let mut sleepers = self.sleep.on_device();
-                let arguments = &mut [pointer(&mut pass), pointer(&mut sleepers)];
+                let sleepers = self.sleep.on_device();
                 let (kernel, blocks) = match sleep {
                     sleep::Plan::Listed { blocks, .. } => {
                         if lists {
@@ -281,11 +299,36 @@ impl CudaSolver {
                     }
                     _ => (self.kernels.substep, self.state.bricks),
                 };
-                kernel.launch(device, stream, blocks, BRICK_SLOTS as u32, arguments)?;
-                outside.act(&self.kernels, &self.stream, &mut pass)?;
-                if contact.tools > 0 {
+                // Kernels that overlap read lists before they wait.
+                are_lists_new |= lists;
+                let first = |kernel: Kernel| if are_lists_new { kernel.alone() } else { kernel };
+                let apart = contact.tools > 0
+                    && outside.is_idle()
+                    && self.kernels.contact.overlaps()
+                    && blocks >= APART_BLOCKS;
+                let advance = |kernel: Kernel, blocks, pass: &mut Pass, mut listed: layout::Sleep| {
+                    let arguments = &mut [pointer(pass), pointer(&mut listed)];
+                    kernel.launch(device, stream, blocks, BRICK_SLOTS as u32, arguments)
+                };
+                if apart {
+                    pass.share = share::FIRST;
+                    advance(
+                        first(self.kernels.substep_awake),
+                        NEAR_BLOCKS,
+                        &mut pass,
+                        self.near.as_awake(sleepers),
+                    )?;
                     self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                    let mut rest = Pass { share: share::REST, started: 0, ..pass };
+                    advance(kernel, blocks, &mut rest, sleepers)?;
+                } else {
+                    advance(first(kernel), blocks, &mut pass, sleepers)?;
+                    outside.act(&self.kernels, &self.stream, &mut pass)?;
+                    if contact.tools > 0 {
+                        self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                    }
                 }
+                are_lists_new = look.is_some();
                 if let Some(since) = look {
                     self.sleep.decide(&self.kernels, &self.stream, &mut pass, since)?;
                 }
@@ -412,13 +455,7 @@ impl CudaSolver {
             self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
         }
         let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(
-            &self.kernels,
-            &self.stream,
-            &self.state.pass(self.state.current, 1, false, self.sleep.kept()),
-            field,
-            arrays,
-        )
+        surface.publish(&self.kernels, &self.stream, &self.pass(self.state.current, 1, false), field, arrays)
     }
 
     /// The nodes as they are now.
@@ -468,7 +505,8 @@ impl Solver for CudaSolver {
         };
         let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
         let may_sleep = plan.sleeping && plan.regions.is_empty();
-        let sleep = self.sleep.prepare(may_sleep, plan.tools.len(), contact.lists > 0)?;
+        self.near.prepare(plan.tools.len())?;
+        let sleep = self.sleep.prepare(may_sleep, contact.lists > 0)?;
         let start = self.state.current;
         let asked = self.ask(step, plan.substeps, Plans { contact, outside: outside.plan, sleep });
         let report = asked.and_then(|()| self.wait_for(sequence)).inspect_err(|_| {

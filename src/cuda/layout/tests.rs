@@ -36,7 +36,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
-            mark, near_tools, acted_on
+            mark, share, near_tools, acted_on, near_bricks, near_counts
         }
         Sleep { bricks, speed2, acceleration2, wake2, asleep, quiet, nodes_in, awake, watched, counts }
         Pushed { slot, start, count, acceleration, mobility }

@@ -68,6 +68,11 @@ impl Outside {
 }
 
 impl Plan {
+    /// Whether nothing acts but tools.
+    pub fn is_idle(self) -> bool {
+        self.push.count == 0 && self.drive.count == 0 && !self.settles
+    }
+
     /// Asks the stream to push and drive nodes after they have moved by themselves.
     ///
     /// # Safety

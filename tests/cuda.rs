@@ -296,6 +296,53 @@ fn a_press_feels_and_looks_as_on_the_processor() {
     }
 }
 
+/// All kernels in a moment: so small that tools that check every access to memory come to an end.
+#[test]
+fn a_moment_of_everything_is_that_of_the_processor() {
+    if !has_gpu("a_moment_of_everything_is_that_of_the_processor") {
+        return;
+    }
+    let dims = [7, 6, 5];
+    let model = block_of(dims, 0.45, 2e-5);
+    let top = model.frame().transform_point(&(Vec3::new(3.5, 3.0, 5.0) * CELL_M).into()).coords;
+    let (outward, along) = (model.frame() * Vec3::z(), model.frame() * Vec3::x());
+    let [cpu, gpu] =
+        [(Backend::Cpu, Precision::Double), (GPU, Precision::Single)].map(|(backend, precision)| {
+            let mut sim = simulation(&model, backend, precision);
+            // A tool with few sites, and one with many.
+            let mut felt = Vec::new();
+            for (radius_m, side) in [(6e-3, -4e-3), (1.6e-3, 4e-3)] {
+                let mut tool =
+                    sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(radius_m) }).unwrap();
+                for step in 0..3 {
+                    let at = top + outward * (radius_m - 2e-4 * f64::from(step)) + along * side;
+                    tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+                    sim.step().unwrap();
+                }
+                felt.push(tool.force().wrench.force_n);
+            }
+            sim.add_load(&Load::Point { at_m: top, force_n: outward * 1e-3 }).unwrap();
+            sim.settle(1.0, 60).unwrap();
+            let mut surface = sim.open_surface(model.contact_surface()).unwrap();
+            felt.push(
+                surface
+                    .map()
+                    .unwrap()
+                    .positions
+                    .iter()
+                    .map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into()))
+                    .sum(),
+            );
+            felt
+        });
+    for (cpu, gpu) in cpu.iter().zip(&gpu) {
+        assert!(
+            cpu.norm() > 0.0 && (cpu - gpu).norm() < SAME_TIP_FORCE * cpu.norm(),
+            "{cpu} on the processor, {gpu} on the GPU"
+        );
+    }
+}
+
 #[test]
 fn bricks_near_tools_that_advance_first_move_as_if_all_advanced_together() {
     if !has_gpu("bricks_near_tools_that_advance_first_move_as_if_all_advanced_together") {

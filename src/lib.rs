@@ -8,7 +8,7 @@
 //! ```
 //!
 //! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed; [`sim`] who
-//! drives; [`channel`] how threads meet. [`capi`] is the C interface over all of it, and nothing imports it. What the tissue
+//! drives; [`servo`] how a haptic device feels it; [`channel`] how threads meet. [`capi`] is the C interface over all of it, and nothing imports it. What the tissue
 //! obeys is described in [`model::law`].
 //!
 //! ```
@@ -48,6 +48,7 @@ pub mod math;
 pub mod model;
 #[cfg(test)]
 mod noise;
+pub mod servo;
 pub mod sim;
 pub mod solver;
 mod trace;

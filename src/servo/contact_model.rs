@@ -14,7 +14,7 @@ pub struct ContactModel {
     pub wrench: Wrench,
     /// The motion that they were computed at (x₀, v₀).
     pub motion: ToolMotion,
-    /// K `[N/m, N/rad; N m/m, N m/rad]`: symmetric, positive semidefinite, within the device's limits; what
+    /// K `[N/m, N/rad; N m/m, N m/rad]`: symmetric, positive semidefinite, within the coupling's limits; what
     /// [`clamped`](super::impedance::clamped) makes. Zero where nothing is touched.
     pub stiffness: Mat6,
     /// B, likewise, per second.

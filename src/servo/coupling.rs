@@ -16,16 +16,17 @@ use nalgebra::Cholesky;
 
 use super::contact_model::ContactModel;
 use super::device::DeviceDesc;
-use super::impedance::{angular, displacement, isotropic, linear, stacked, velocity, wrench};
+use super::impedance::{
+    BlockLimit, ImpedanceLimits, angular, displacement, isotropic, linear, stacked, velocity, wrench,
+};
 use crate::error::{Error, Result};
 use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// How the tool follows the device.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coupling {
-    /// The tool is where the device is.
-    #[default]
+    /// The tool is where the device is: for tissue that is nowhere stiffer than the device renders.
     Direct,
     /// The tool hangs on a spring and a damper.
     Virtual(VirtualCoupling),
@@ -42,6 +43,35 @@ pub struct VirtualCoupling {
     pub stiffness_n_m_per_rad: f64,
     /// Torsional damping in N m s/rad.
     pub damping_n_m_s_per_rad: f64,
+}
+
+/// Stiffest tissue that a proxy is told of, in N/m: bone under a fingertip. What it feels like is the coupling's to limit; a proxy that is told less than
+/// the truth would bounce off it.
+const STIFFEST_N_PER_M: f64 = 1e6;
+/// Likewise the damping, in N s/m.
+const MOST_DAMPING_N_S_PER_M: f64 = 1e3;
+/// Arm at which the same limits hold for rotation, in m: a finger's breadth.
+const LEVER_M: f64 = 0.01;
+
+impl Coupling {
+    /// What contact models may say to this coupling. A device that feels the tissue directly is told no more than it renders; a device that
+    /// feels a spring is safe behind it, and its proxy needs the truth.
+    pub fn limits(&self, desc: &DeviceDesc) -> ImpedanceLimits {
+        let turning = |of: BlockLimit| BlockLimit { angular: of.linear * LEVER_M * LEVER_M, ..of };
+        match self {
+            // A device without torque turns as well: what that does to its force is limited by the arm.
+            Self::Direct if desc.has_torque() => {
+                ImpedanceLimits { stiffness: desc.max_stiffness, damping: desc.max_damping }
+            }
+            Self::Direct => {
+                ImpedanceLimits { stiffness: turning(desc.max_stiffness), damping: turning(desc.max_damping) }
+            }
+            Self::Virtual(_) => ImpedanceLimits {
+                stiffness: turning(BlockLimit { linear: STIFFEST_N_PER_M, angular: 0.0 }),
+                damping: turning(BlockLimit { linear: MOST_DAMPING_N_S_PER_M, angular: 0.0 }),
+            },
+        }
+    }
 }
 
 impl VirtualCoupling {
@@ -177,7 +207,6 @@ fn turning(device: &ToolMotion) -> Vec6 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::servo::impedance::BlockLimit;
 
     const DT: f64 = 1e-3;
 

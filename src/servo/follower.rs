@@ -3,7 +3,7 @@
 use super::contact_model::ContactModel;
 use crate::solver::tool::{ToolMotion, Wrench};
 
-/// Longest fade, for a simulation that hardly moves, in s: the hand should not feel old tissue.
+/// Longest fade, for a simulation that hardly gets on, in s: the hand should not feel old tissue.
 const LONGEST_FADE_S: f64 = 0.05;
 
 /// Fades from the law that was felt to the newest one over one period of the solves.
@@ -65,7 +65,7 @@ impl Follower {
     /// How far the newest model has faded in, 0 to 1. The tick that sees it first takes the first step, so that solves at the servo's own rate are
     /// not a tick late.
     fn share(&self, now_s: f64) -> f64 {
-        let fade = self.to.period_s.clamp(self.tick_s, LONGEST_FADE_S.max(self.tick_s));
+        let fade = self.to.period_s.min(LONGEST_FADE_S).max(self.tick_s);
         ((self.age_s(now_s) + self.tick_s) / fade).clamp(0.0, 1.0)
     }
 }

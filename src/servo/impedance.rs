@@ -17,6 +17,15 @@ pub struct BlockLimit {
     pub angular: f64,
 }
 
+/// What bounds a contact model's two matrices.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ImpedanceLimits {
+    /// Of K: N/m, and N m/rad.
+    pub stiffness: BlockLimit,
+    /// Of B: N s/m, and N m s/rad.
+    pub damping: BlockLimit,
+}
+
 /// No entry of a stiffness or damping is larger; the squares of larger ones would not be finite.
 const ABSURD: f64 = 1e100;
 

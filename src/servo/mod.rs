@@ -25,7 +25,7 @@ pub mod stiffness;
 
 use clock::{Clock, Tick};
 use contact_model::ContactModel;
-use coupling::{Coupling, Proxy};
+use coupling::{Coupling, Proxy, VirtualCoupling};
 use device::DeviceDesc;
 use flags::Flags;
 use follower::Follower;
@@ -48,12 +48,19 @@ pub struct DeviceState {
 }
 
 /// How a servo loop is run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ServoOptions {
     /// How the tool follows the device.
     pub coupling: Coupling,
     /// Whether the passivity controller damps when the loop has given energy. The observer always runs.
     pub controls_passivity: bool,
+}
+
+impl ServoOptions {
+    /// What is safe whatever the tissue: the stiffest coupling that the device renders, kept passive.
+    pub fn of(desc: &DeviceDesc) -> Self {
+        Self { coupling: Coupling::Virtual(VirtualCoupling::of(desc)), controls_passivity: true }
+    }
 }
 
 /// What comes of a tick.
@@ -227,7 +234,8 @@ impl Servo {
             return (wrench, Flags::NONE);
         }
         let most = self.desc.max_damping.linear;
-        let (damper, is_acting) = passivity::control(self.observer.energy_j(), &self.motion, dt, most);
+        let (damper, is_acting) =
+            passivity::control(self.observer.energy_j(), &wrench, &self.motion, dt, most);
         (Wrench { force_n: wrench.force_n + damper.force_n, ..wrench }, Flags::DAMPED.when(is_acting))
     }
 

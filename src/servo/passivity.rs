@@ -4,7 +4,7 @@
 //! that is sent stays on the motors until the next tick, so the work between two ticks is that force times the way between them, exactly: no velocity has
 //! to be estimated for the observer.
 
-use super::impedance::{displacement, stacked};
+use super::impedance::{displacement, stacked, velocity};
 use crate::math::Pose;
 use crate::solver::tool::{ToolMotion, Wrench};
 
@@ -51,16 +51,25 @@ impl Observer {
     }
 }
 
-/// The force of a damper that takes back within `dt` seconds what the loop gave too much, and whether there is any: α = −E ÷ (dt v²), at most
-/// `most_n_s_per_m`, beyond which the damper itself would not be passive at this rate. Zero torque.
-pub fn control(energy_j: f64, motion: &ToolMotion, dt: f64, most_n_s_per_m: f64) -> (Wrench, bool) {
+/// The force of a damper that keeps a loop from owing energy at the end of the next `dt` seconds, and whether there is any. Zero torque.
+///
+/// `wrench` is what the loop would render. E is what it would have then, should the device keep its velocity; where that is below zero, the
+/// damping is α = −E ÷ (dt v²), at most `most_n_s_per_m`, beyond which the damper itself would not be passive at this rate.
+pub fn control(
+    energy_j: f64,
+    wrench: &Wrench,
+    motion: &ToolMotion,
+    dt: f64,
+    most_n_s_per_m: f64,
+) -> (Wrench, bool) {
     let square = motion.linear_m_s.norm_squared();
+    let then_j = energy_j - stacked(wrench).dot(&velocity(motion)) * dt;
     // Written so that a NaN adds nothing.
-    let is_owing = energy_j < 0.0 && square > 0.0 && dt > 0.0;
+    let is_owing = then_j < 0.0 && square > 0.0 && dt > 0.0;
     if !is_owing {
         return (Wrench::default(), false);
     }
-    let damping = (-energy_j / (dt * square)).min(most_n_s_per_m);
+    let damping = (-then_j / (dt * square)).min(most_n_s_per_m);
     (Wrench { force_n: -motion.linear_m_s * damping, ..Wrench::default() }, true)
 }
 
@@ -113,16 +122,21 @@ mod tests {
 
     #[test]
     fn the_controller_takes_back_what_is_owed_within_its_bound() {
+        let none = Wrench::default();
         let moving = ToolMotion { linear_m_s: Vec3::new(0.0, 0.1, 0.0), ..at(0.0) };
-        let (damper, is_acting) = control(-1e-5, &moving, 1e-3, 5.0);
-        let taken = -damper.force_n.dot(&moving.linear_m_s) * 1e-3;
-        assert!(is_acting && (taken - 1e-5).abs() < 1e-15, "{taken}");
-        let (damper, _) = control(-1.0, &moving, 1e-3, 5.0);
+        let taken = |force_n: Vec3| -force_n.dot(&moving.linear_m_s) * 1e-3;
+        let (damper, is_acting) = control(-1e-5, &none, &moving, 1e-3, 5.0);
+        assert!(is_acting && (taken(damper.force_n) - 1e-5).abs() < 1e-15, "{damper:?}");
+        // A force that is about to give 3e-5 J where only 1e-5 J are left.
+        let giving = Wrench { force_n: Vec3::y() * 0.3, ..none };
+        let (damper, _) = control(1e-5, &giving, &moving, 1e-3, 5.0);
+        assert!((taken(damper.force_n) - 2e-5).abs() < 1e-15, "{damper:?}");
+        let (damper, _) = control(-1.0, &none, &moving, 1e-3, 5.0);
         assert!((damper.force_n - Vec3::new(0.0, -0.5, 0.0)).norm() < 1e-12);
         for (energy, motion, dt) in
             [(1.0, &moving, 1e-3), (-1.0, &at(0.0), 1e-3), (-1.0, &moving, 0.0), (f64::NAN, &moving, 1e-3)]
         {
-            assert_eq!(control(energy, motion, dt, 5.0), (Wrench::default(), false));
+            assert_eq!(control(energy, &none, motion, dt, 5.0), (none, false));
         }
     }
 }

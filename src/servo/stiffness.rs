@@ -6,8 +6,7 @@
 //!
 //! One per tool, beside its solver; one update per solve, which allocates nothing.
 
-use super::device::DeviceDesc;
-use super::impedance::{BlockLimit, clamped, displacement, stacked, velocity};
+use super::impedance::{ImpedanceLimits, clamped, displacement, stacked, velocity};
 use crate::math::{Mat3, Mat6, Pose, Vec3, Vec6};
 use crate::solver::tool::{ToolMotion, Wrench};
 
@@ -60,8 +59,7 @@ const MEMORY_S: f64 = 1.0;
 /// Follows the stiffness and damping of one tool's contact.
 #[derive(Clone, Debug)]
 pub struct StiffnessEstimator {
-    stiffness_limit: BlockLimit,
-    damping_limit: BlockLimit,
+    limits: ImpedanceLimits,
     relaxation_s: f64,
     /// What was learned beyond the patch's stiffness, lengths and radians made alike.
     learned: Mat6,
@@ -76,7 +74,7 @@ struct Start {
     ago_s: f64,
 }
 
-/// What an estimator says: both matrices symmetric, positive semidefinite and within the device's limits, as a
+/// What an estimator says: both matrices symmetric, positive semidefinite and within the limits, as a
 /// [`ContactModel`](super::contact_model::ContactModel) takes them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
@@ -87,19 +85,10 @@ pub struct Estimate {
 }
 
 impl StiffnessEstimator {
-    /// For a device, and tissue whose viscosity is `relaxation_s` times its stiffness (the damping β of Rayleigh; 0 without viscosity).
-    pub fn new(desc: &DeviceDesc, relaxation_s: f64) -> Self {
-        // A device without torque still turns: what rotation does to its force is limited by the lever.
-        let angular =
-            |own: f64, linear: f64| if desc.has_torque() { own } else { linear * LEVER_M * LEVER_M };
-        let limit = |of: BlockLimit| BlockLimit { angular: angular(of.angular, of.linear), ..of };
-        Self {
-            stiffness_limit: limit(desc.max_stiffness),
-            damping_limit: limit(desc.max_damping),
-            relaxation_s,
-            learned: Mat6::zeros(),
-            start: None,
-        }
+    /// For matrices within these limits, and tissue whose viscosity is `relaxation_s` times its stiffness (the β of Rayleigh's damping; 0
+    /// without viscosity). The limits are those of [`Coupling::limits`](super::coupling::Coupling::limits).
+    pub fn new(limits: &ImpedanceLimits, relaxation_s: f64) -> Self {
+        Self { limits: *limits, relaxation_s, learned: Mat6::zeros(), start: None }
     }
 
     /// Forgets what was learned.
@@ -130,8 +119,8 @@ impl StiffnessEstimator {
         }
         let all = unlike(&all);
         Estimate {
-            stiffness: clamped(&all, &self.stiffness_limit),
-            damping: clamped(&(all * self.relaxation_s), &self.damping_limit),
+            stiffness: clamped(&all, &self.limits.stiffness),
+            damping: clamped(&(all * self.relaxation_s), &self.limits.damping),
         }
     }
 
@@ -189,6 +178,8 @@ fn levers() -> Vec6 {
 #[cfg(test)]
 mod tests {
     use super::super::contact_model::stiffness_along;
+    use super::super::coupling::Coupling;
+    use super::super::device::DeviceDesc;
     use super::super::impedance::isotropic;
     use super::*;
     use crate::math::Quat;
@@ -207,7 +198,7 @@ mod tests {
     }
 
     fn estimator() -> StiffnessEstimator {
-        StiffnessEstimator::new(&DeviceDesc::touch(), 0.0)
+        StiffnessEstimator::new(&Coupling::Direct.limits(&DeviceDesc::touch()), 0.0)
     }
 
     /// Moves along a line through springs, and gives the last estimate.
@@ -314,7 +305,7 @@ mod tests {
     #[test]
     fn viscosity_is_not_taken_for_stiffness() {
         // 200 N/m with a relaxation of 5 ms: 1 N s/m, pressed by a sinusoid of 5 Hz.
-        let mut estimator = StiffnessEstimator::new(&DeviceDesc::touch(), 5e-3);
+        let mut estimator = StiffnessEstimator::new(&Coupling::Direct.limits(&DeviceDesc::touch()), 5e-3);
         let pace = 2.0 * std::f64::consts::PI * 5.0;
         for tick in 0..400 {
             let t = DT * f64::from(tick);

@@ -107,16 +107,16 @@ impl ContactModel {
                 torque_n_m: a.torque_n_m.zip_map(&b.torque_n_m, mix),
             },
             motion: *motion,
-            stiffness: self.here(motion).zip_map(&other.here(motion), mix),
-            damping: self.damping.zip_map(&other.damping, mix),
+            stiffness: self.here(&self.stiffness, motion).zip_map(&other.here(&other.stiffness, motion), mix),
+            damping: self.here(&self.damping, motion).zip_map(&other.here(&other.damping, motion), mix),
             push: push.try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
             ..*other
         }
     }
 
-    /// The stiffness at a motion: none beyond the tissue.
-    fn here(&self, motion: &ToolMotion) -> Mat6 {
-        if self.has_left(motion) { Mat6::zeros() } else { self.stiffness }
+    /// A stiffness or damping as it is at a motion: none beyond the tissue.
+    fn here(&self, of: &Mat6, motion: &ToolMotion) -> Mat6 {
+        if self.has_left(motion) { Mat6::zeros() } else { *of }
     }
 }
 
@@ -225,5 +225,13 @@ mod tests {
             let stiffness = stiffness_along(&mean.stiffness, Vec3::z());
             assert!((stiffness - 500.0 * (1.0 + 2.0 * share)).abs() < 1e-9, "{stiffness}");
         }
+    }
+
+    #[test]
+    fn a_law_in_the_air_resists_nothing() {
+        let (model, above) = (pressed(), lifted(3e-3));
+        let law = model.between(&model, 0.5, &above);
+        assert_eq!((law.stiffness, law.damping), (Mat6::zeros(), Mat6::zeros()));
+        assert_eq!(law.evaluate(&lifted(0.0)), Wrench::default());
     }
 }

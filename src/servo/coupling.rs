@@ -4,10 +4,11 @@
 //! substep, so no tool is ever seen or felt inside tissue, and no proxy is needed for that: soft tissue is rendered exactly as soft as
 //! it is. But a tool that is forced against bone squeezes what lies between without bound, and the device feels a stiffness that it cannot render.
 //!
-//! **Virtual coupling** (Colgate, Stanley and Brown 1995): the tool is a proxy, held by the device through a spring and a damper, and the device
-//! feels those. The proxy stands still where tissue and spring balance, as in the god-object method (Zilles and Salisbury 1995): bone holds it, the device
-//! goes on, and the stiffness that is felt never exceeds the spring's, whatever the tissue's. The price is a spring in series: tissue of K feels like
-//! K K_vc / (K + K_vc), 106 N/m of 125 N/m with 700 N/m. Friction comes through undiminished, because a spring in series takes no force away.
+//! **Virtual coupling** (Colgate, Stanley and Brown 1995): the tool is a proxy, held by the device through a spring and a damper, and the
+//! device feels those. The proxy stands still where tissue and spring balance, as in the god-object method (Zilles and Salisbury 1995):
+//! bone holds it, the device goes on, and the stiffness that is felt never exceeds the spring's, whatever the tissue's. The price is a
+//! spring in series: tissue of K feels like K K_vc / (K + K_vc), 106 N/m of 125 N/m with 700 N/m. Friction comes through undiminished,
+//! because a spring in series takes no force away.
 //!
 //! The proxy has no mass: at each tick its velocity is what makes spring, damper and tissue balance, taken implicitly, so that it is stable whatever
 //! the stiffness (as the quasi-static tools of Wan and McNeely 2003). In the air the balance is no force at all: a free tool feels free.
@@ -45,8 +46,8 @@ pub struct VirtualCoupling {
     pub damping_n_m_s_per_rad: f64,
 }
 
-/// Stiffest tissue that a proxy is told of, in N/m: bone under a fingertip. What it feels like is the coupling's to limit; a proxy that is told less than
-/// the truth would bounce off it.
+/// Stiffest tissue that a proxy is told of, in N/m: bone under a fingertip. What it feels like is the coupling's to limit; a proxy that is
+/// told less than the truth would bounce off it.
 const STIFFEST_N_PER_M: f64 = 1e6;
 /// Likewise the damping, in N s/m.
 const MOST_DAMPING_N_S_PER_M: f64 = 1e3;
@@ -75,8 +76,8 @@ impl Coupling {
 }
 
 impl VirtualCoupling {
-    /// The stiffest coupling that a device renders, so that least is lost of the tissue's stiffness, without damping, which would only add the noise of
-    /// the velocity: tissue and hand damp.
+    /// The stiffest coupling that a device renders, so that least is lost of the tissue's stiffness, without damping, which would only add
+    /// the noise of the velocity: tissue and hand damp.
     pub fn of(desc: &DeviceDesc) -> Self {
         Self {
             stiffness_n_per_m: desc.max_stiffness.linear,

@@ -60,9 +60,9 @@ pub const SLOWEST_SERVO_HZ: f64 = 200.0;
 impl DeviceDesc {
     /// A 3D Systems Touch, the former SensAble Phantom Omni: three degrees of force at 1 kHz.
     ///
-    /// Limits of force, stiffness and damping are those that CHAI3D's driver states (`cHapticDeviceInfo` of its Phantom class); the continuous
-    /// force is the data sheet's 0.88 N. The window of 2 s, the slew of 1 N in a millisecond and the speed of 1 m/s are this project's: eight times what
-    /// tissue of 125 N/m asks for at that speed.
+    /// Limits of force, stiffness and damping are those that CHAI3D's driver states (`cHapticDeviceInfo` of its Phantom class); the
+    /// continuous force is the data sheet's 0.88 N. The window of 2 s, the slew of 1 N in a millisecond and the speed of 1 m/s are this
+    /// project's: eight times what tissue of 125 N/m asks for at that speed.
     pub fn touch() -> Self {
         Self {
             max_force_n: 3.3,

@@ -7,10 +7,52 @@
 //!    └── safety chain ◀── passivity ◀── wrench at the device's motion now
 //! ```
 //!
-//! The physics publishes a [`ContactModel`](contact_model::ContactModel) with every solve, with the stiffness that its [`stiffness::StiffnessEstimator`] found.
+//! The physics publishes a [`ContactModel`] with every solve, with the stiffness that its [`stiffness::StiffnessEstimator`] found.
 //! [`Servo::tick`] follows the newest one, couples the device to the tool, watches the energy and bounds the force. Nothing here knows how
 //! tissue is solved or how threads meet. A tick takes no lock, no clock and no memory, calls no system, has no loop without a bound, and
 //! cannot panic.
+//!
+//! ```
+//! use palpate::channel::latest::latest;
+//! use palpate::servo::contact_model::ContactModel;
+//! use palpate::servo::device::DeviceDesc;
+//! use palpate::servo::patch::Patch;
+//! use palpate::servo::stiffness::StiffnessEstimator;
+//! use palpate::servo::{DeviceState, Servo, ServoOptions};
+//! # use palpate::math::{Pose, Vec3};
+//! # use palpate::solver::tool::{Contact, ToolMotion, Wrench};
+//!
+//! let device = DeviceDesc::touch();
+//! let options = ServoOptions::of(&device);
+//! let mut servo = Servo::new(&device, &options)?;
+//! let mut estimator = StiffnessEstimator::new(&options.coupling.limits(&device), 0.0);
+//! let (mut models, mut newest) = latest(ContactModel::none());
+//!
+//! // On the simulation's thread, after a solve:
+//! # let (motion, wrench, contacts) = (ToolMotion::at(Pose::identity()), Wrench::default(), Vec::<Contact>::new());
+//! # let (time_s, period_s, stamp_s, sequence) = (0.0, 1e-3, 0.0, 1);
+//! let patch = Patch::of(&contacts, |_material| (10e3, 0.45), 0.2);
+//! let found = estimator.update(patch.as_ref(), &motion, &wrench, period_s);
+//! models.publish(ContactModel {
+//!     wrench,
+//!     motion,
+//!     stiffness: found.stiffness,
+//!     damping: found.damping,
+//!     push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
+//!     time_s,
+//!     period_s,
+//!     stamp_s,
+//!     sequence,
+//! });
+//!
+//! // On the servo's thread, at each tick:
+//! # let (is_held, is_live) = (true, true);
+//! let state = DeviceState { motion, stamp_s, is_held };
+//! let out = servo.tick(&state, newest.read().0, is_live);
+//! // out.tool goes to the simulation with stamp_s, out.wrench to the motors.
+//! assert!(out.wrench.force_n.norm() <= device.max_force_n);
+//! # Ok::<(), palpate::error::Error>(())
+//! ```
 
 pub mod clock;
 pub mod contact_model;
@@ -20,6 +62,7 @@ pub mod flags;
 pub mod follower;
 pub mod impedance;
 pub mod passivity;
+pub mod patch;
 pub mod safety;
 pub mod stiffness;
 

@@ -1,8 +1,8 @@
 //! Whether the loop gives energy to the hand, and a damper that takes it back.
 //!
-//! After Hannaford and Ryu, "Time-domain passivity control of haptic interfaces" (IEEE Transactions on Robotics and Automation, 2002). The force
-//! that is sent stays on the motors until the next tick, so the work between two ticks is that force times the way between them, exactly: no velocity has
-//! to be estimated for the observer.
+//! After Hannaford and Ryu, "Time-domain passivity control of haptic interfaces" (IEEE Transactions on Robotics and Automation, 2002). The
+//! force that is sent stays on the motors until the next tick, so the work between two ticks is that force times the way between them,
+//! exactly: no velocity has to be estimated for the observer.
 
 use super::impedance::{displacement, stacked, velocity};
 use crate::math::Pose;

@@ -1,51 +1,15 @@
 //! How stiff the tissue under a tool is, from what is known of the contact and from how the force has changed.
 //!
-//! The start is Hertz's and Mindlin's: a circle of contact of radius a on a half-space has the normal stiffness 2 E* a and the tangential one 8 G a / (2 − ν)
-//! (Johnson, "Contact Mechanics", 1985, chapters 3 and 7). Real tissue is layered, thin and bounded: what the force does from solve to solve corrects it, by the
-//! symmetric rank-one-in-each-direction update of Powell (1970), which changes the matrix least among those that explain the last step.
+//! The start is the stiffness of a [`Patch`] on a half-space. Real tissue is layered, thin and bounded: what the force does from solve to
+//! solve corrects it, by the symmetric rank-one-in-each-direction update of Powell (1970), which changes the matrix least among those that
+//! explain the last step.
 //!
 //! One per tool, beside its solver; one update per solve, which allocates nothing.
 
 use super::impedance::{ImpedanceLimits, clamped, displacement, stacked, velocity};
-use crate::math::{Mat3, Mat6, Pose, Vec3, Vec6};
+use super::patch::Patch;
+use crate::math::{Mat6, Vec6};
 use crate::solver::tool::{ToolMotion, Wrench};
-
-/// What is known of a tool's contact. World axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Patch {
-    /// The middle of the contact.
-    pub point_m: Vec3,
-    /// Unit normal there; its sign does not matter.
-    pub normal: Vec3,
-    /// Radius of a circle as large as the contact, in m.
-    pub radius_m: f64,
-    /// Young's modulus of the tissue in Pa.
-    pub young_pa: f64,
-    /// Its Poisson's ratio.
-    pub poisson: f64,
-    /// Whether friction holds the tissue to the tool: without, there is no tangential stiffness.
-    pub sticks: bool,
-}
-
-impl Patch {
-    /// The stiffness that this contact has on a half-space, about the tool's origin.
-    pub fn stiffness(&self, origin: &Pose) -> Mat6 {
-        let plane_strain = self.young_pa / (1.0 - self.poisson * self.poisson);
-        let shear = self.young_pa / (2.0 * (1.0 + self.poisson));
-        let normal = 2.0 * plane_strain * self.radius_m;
-        let tangential = if self.sticks { 8.0 * shear * self.radius_m / (2.0 - self.poisson) } else { 0.0 };
-        let along = self.normal * self.normal.transpose();
-        let springs = along * normal + (Mat3::identity() - along) * tangential;
-        // The springs hold a point of the tool, an arm away from its origin: it moves by u + θ × r, and turns the tool by r × f.
-        let arm = (self.point_m - origin.translation.vector).cross_matrix();
-        let mut stiffness = Mat6::zeros();
-        stiffness.fixed_view_mut::<3, 3>(0, 0).copy_from(&springs);
-        stiffness.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-springs * arm));
-        stiffness.fixed_view_mut::<3, 3>(3, 0).copy_from(&(arm * springs));
-        stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(-arm * springs * arm));
-        stiffness
-    }
-}
 
 /// A radian is compared with this way, in m: what it moves at the end of a finger's breadth.
 const LEVER_M: f64 = 0.01;
@@ -97,8 +61,8 @@ impl StiffnessEstimator {
         self.start = None;
     }
 
-    /// Takes in a solve: the wrench on the tool at a motion, `dt` seconds after the last one, and what is known of the contact: `None` where nothing is
-    /// touched, which forgets the rest.
+    /// Takes in a solve: the wrench on the tool at a motion, `dt` seconds after the last one, and what is known of the contact: `None`
+    /// where nothing is touched, which forgets the rest.
     pub fn update(
         &mut self,
         patch: Option<&Patch>,
@@ -182,7 +146,7 @@ mod tests {
     use super::super::device::DeviceDesc;
     use super::super::impedance::isotropic;
     use super::*;
-    use crate::math::Quat;
+    use crate::math::{Pose, Quat, Vec3};
 
     const DT: f64 = 1e-3;
 
@@ -211,28 +175,6 @@ mod tests {
             last = estimator.update(Some(&patch()), &ToolMotion::at(pose), &felt, DT);
         }
         last
-    }
-
-    #[test]
-    fn the_start_is_that_of_a_punch_on_a_half_space() {
-        // A flat tip of 5 mm on E* = 12.5 kPa: 2 E* a. Incompressible, 8 G a ÷ (2 − ν) with G = E ÷ 3.
-        let stiffness = patch().stiffness(&Pose::identity());
-        assert!((stiffness_along(&stiffness, Vec3::z()) - 125.0).abs() < 1e-9);
-        let tangential = 8.0 * (12.5e3 * 0.75 / 3.0) * 5e-3 / 1.5;
-        assert!((stiffness_along(&stiffness, Vec3::x()) - tangential).abs() < 1e-9);
-        let slippery = Patch { sticks: false, ..patch() }.stiffness(&Pose::identity());
-        assert_eq!(stiffness_along(&slippery, Vec3::x()), 0.0);
-    }
-
-    #[test]
-    fn a_contact_away_from_the_origin_resists_turning() {
-        // 50 mm below the origin: turning about y by θ moves the contact by −0.05 θ along x.
-        let stiffness = patch().stiffness(&Pose::translation(0.0, 0.0, 0.05));
-        let tangential = stiffness_along(&stiffness, Vec3::x());
-        let torque = -(stiffness * Vec6::new(0.0, 0.0, 0.0, 0.0, 1.0, 0.0));
-        assert!((torque.x - 0.05 * tangential).abs() < 1e-9, "the contact is pushed back: {torque}");
-        assert!((torque.a + 0.05 * 0.05 * tangential).abs() < 1e-9, "{torque}");
-        assert!((stiffness - stiffness.transpose()).norm() < 1e-9 * stiffness.norm());
     }
 
     #[test]

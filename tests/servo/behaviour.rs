@@ -163,8 +163,11 @@ fn nonsense_from_the_device_or_the_physics_is_no_force_and_never_leaves() {
 #[test]
 fn a_loop_that_paused_engages_again() {
     let mut host = Host::pressing(&coupled());
+    let energy_j = host.servo.statistics().energy_j;
     host.state.stamp_s += 0.2;
+    host.state.motion.pose.translation.z -= 5e-3;
     let out = host.tick_with(true);
+    assert_eq!(host.servo.statistics().energy_j, energy_j, "nobody knows what the motors did meanwhile");
     assert_eq!((out.wrench, out.flags.contains(Flags::PAUSED | Flags::WAITING)), (Wrench::default(), true));
     assert_eq!(host.servo.statistics().pauses, 2, "the start and this one");
     assert_eq!(host.go(-5e-3, 1.0).wrench, Wrench::default());

@@ -3,7 +3,8 @@
 use palpate::math::{Mat6, Vec3};
 use palpate::servo::contact_model::ContactModel;
 use palpate::servo::impedance::ImpedanceLimits;
-use palpate::servo::stiffness::{Patch, StiffnessEstimator};
+use palpate::servo::patch::Patch;
+use palpate::servo::stiffness::StiffnessEstimator;
 use palpate::solver::tool::{ToolMotion, Wrench};
 
 /// A half-space below z = 0.

@@ -169,11 +169,9 @@ fn only_finite(asked: &Asked) -> (Wrench, Flags) {
 /// The average limit, then the clamp.
 fn bounded(wanted: Vec3, average: &Average, largest: f64) -> (Vec3, Flags) {
     let allowed = average.allowed();
-    let (lowered, is_lowered) = at_most(wanted, allowed);
-    let (clamped, _) = at_most(lowered, largest);
-    // While the motors are cool the average allows the device's largest force, and it is the clamp that acts.
-    let is_warm = is_lowered && allowed < largest;
-    let is_over = at_most(wanted, largest).1;
+    // While the motors are cool they may do all they can, and that is the clamp's to say.
+    let (lowered, is_warm) = if allowed < largest { at_most(wanted, allowed) } else { (wanted, false) };
+    let (clamped, is_over) = at_most(lowered, largest);
     (clamped, Flags::AVERAGED.when(is_warm) | Flags::CLAMPED.when(is_over))
 }
 
@@ -328,6 +326,11 @@ mod tests {
         // A loop that missed some ticks does not jump as far as it could have.
         let (given, _) = chain.pass(&Asked { tick: Tick::Steady(0.02), ..asked(-3.0) });
         assert!((given.force_n - push(-0.2).force_n).norm() < 1e-9, "{given:?}");
+        // But it is withdrawn as fast as it could have been.
+        let mut chain =
+            engaged_with(&DeviceDesc { slew_n_per_s: 3.3 / LONGEST_FALL_S, ..DeviceDesc::touch() });
+        let (given, _) = chain.pass(&Asked { tick: Tick::Steady(0.02), is_live: false, ..asked(0.8) });
+        assert_eq!(given, Wrench::default());
     }
 
     #[test]

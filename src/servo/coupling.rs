@@ -208,6 +208,7 @@ fn turning(device: &ToolMotion) -> Vec6 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::patch::Patch;
 
     const DT: f64 = 1e-3;
 
@@ -334,6 +335,32 @@ mod tests {
             let stiffness = if desc.has_torque() { 0.5 / 1.5 } else { 0.5 };
             assert!((felt.torque_n_m + Vec3::z() * 0.1 * stiffness).norm() < 1e-6, "{felt:?}");
         }
+    }
+
+    #[test]
+    fn a_stylus_pressed_at_its_tip_is_felt_with_the_torque_of_its_lever() {
+        let coupling = VirtualCoupling::of(&turning_device());
+        let mut proxy = Proxy::new(&coupling, &at(0.0, 0.0));
+        // The tip is 40 mm aside and 30 mm below, in tissue that holds it in all directions.
+        let tip = Patch {
+            point_m: Vec3::new(0.04, 0.0, -0.03),
+            normal: Vec3::z(),
+            radius_m: 5e-3,
+            young_pa: 10e3,
+            poisson: 0.45,
+            sticks: true,
+        };
+        let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };
+        let way = Vec6::new(1e-3, 0.0, -2e-3, 0.01, -0.02, 0.0);
+        let device = ToolMotion::at(Pose::new(linear(&way), angular(&way)));
+        let felt = (0..2000).fold(Wrench::default(), |_, _| proxy.advance(&law, &device, DT));
+        // Both springs take the same wrench: K_vc (x_d − x) = K x. Small turns, so that rotation vectors add.
+        let springs = isotropic(coupling.stiffness_n_per_m, coupling.stiffness_n_m_per_rad);
+        let tool = (springs + law.stiffness).try_inverse().unwrap() * springs * way;
+        let expected = -law.stiffness * tool;
+        let missed = (stacked(&felt) - expected).norm();
+        assert!(missed < 1e-3 * expected.norm(), "{felt:?} instead of {expected}");
+        assert!(felt.torque_n_m.norm() > 1e-3, "and there is a torque: {felt:?}");
     }
 
     #[test]

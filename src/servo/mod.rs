@@ -278,7 +278,7 @@ impl Servo {
         }
         let most = self.desc.max_damping.linear;
         let (damper, is_acting) =
-            passivity::control(self.observer.energy_j(), &wrench, &self.motion, dt, most);
+            passivity::control(self.observer.credit_j(), &wrench, &self.motion, dt, most);
         (Wrench { force_n: wrench.force_n + damper.force_n, ..wrench }, Flags::DAMPED.when(is_acting))
     }
 

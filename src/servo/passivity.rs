@@ -13,6 +13,7 @@ use crate::solver::tool::{ToolMotion, Wrench};
 pub struct Observer {
     energy_j: f64,
     least_j: f64,
+    credit_j: f64,
     /// Where the device was at the last tick, and the wrench that it has rendered since.
     last: Option<(Pose, Wrench)>,
 }
@@ -26,6 +27,7 @@ impl Observer {
                 // The device pushed the hand along the way: that energy came from the loop.
                 self.energy_j -= work;
                 self.least_j = self.least_j.min(self.energy_j);
+                self.credit_j -= work;
             }
         }
     }
@@ -33,6 +35,10 @@ impl Observer {
     /// Takes in what the device renders from here on.
     pub fn render(&mut self, motion: &ToolMotion, rendered: &Wrench) {
         self.last = Some((motion.pose, *rendered));
+        // Without a force nothing is held that could come back: what is left was dissipated.
+        if *rendered == Wrench::default() {
+            self.credit_j = self.credit_j.min(0.0);
+        }
     }
 
     /// Forgets what the device rendered: the loop paused, and the motors were their own.
@@ -45,7 +51,13 @@ impl Observer {
         self.energy_j
     }
 
-    /// The least it ever was, in J: a passive loop stays at or above zero.
+    /// Energy that the loop may still give back, in J, or owes, below zero. Tissue and friction dissipate; that must not pay for shaking
+    /// later, so whatever is left when there is no force is not counted on.
+    pub fn credit_j(&self) -> f64 {
+        self.credit_j
+    }
+
+    /// The least that the energy ever was, in J: a passive loop stays at or above zero.
     pub fn least_j(&self) -> f64 {
         self.least_j
     }
@@ -53,17 +65,17 @@ impl Observer {
 
 /// The force of a damper that keeps a loop from owing energy at the end of the next `dt` seconds, and whether there is any. Zero torque.
 ///
-/// `wrench` is what the loop would render. E is what it would have then, should the device keep its velocity; where that is below zero, the
+/// `wrench` is what the loop would render, `credit_j` what it may give. E is what would be left of that, should the device keep its velocity; where that is below zero, the
 /// damping is α = −E ÷ (dt v²), at most `most_n_s_per_m`, beyond which the damper itself would not be passive at this rate.
 pub fn control(
-    energy_j: f64,
+    credit_j: f64,
     wrench: &Wrench,
     motion: &ToolMotion,
     dt: f64,
     most_n_s_per_m: f64,
 ) -> (Wrench, bool) {
     let square = motion.linear_m_s.norm_squared();
-    let then_j = energy_j - stacked(wrench).dot(&velocity(motion)) * dt;
+    let then_j = credit_j - stacked(wrench).dot(&velocity(motion)) * dt;
     // Written so that a NaN adds nothing.
     let is_owing = then_j < 0.0 && square > 0.0 && dt > 0.0;
     if !is_owing {
@@ -118,6 +130,23 @@ mod tests {
         observer.render(&at(0.0), &push(1.0));
         observer.look(&at(f64::NAN));
         assert!(observer.energy_j().is_finite());
+    }
+
+    #[test]
+    fn what_was_dissipated_pays_for_nothing_later() {
+        let mut observer = Observer::default();
+        let mut drag = |from: f64, to: f64, force_n: f64| {
+            observer.render(&at(from), &push(force_n));
+            observer.look(&at(to));
+            observer.credit_j()
+        };
+        // To and fro against friction of 1 N, 10 mm each way.
+        drag(0.0, 0.01, -1.0);
+        assert!((drag(0.01, 0.0, 1.0) - 0.02).abs() < 1e-12, "as long as it lasts, it may be a spring's");
+        assert_eq!(drag(0.0, 0.01, 0.0), 0.0, "in the air it is gone");
+        assert!((drag(0.01, 0.0, -1.0) + 0.01).abs() < 1e-12);
+        assert!((drag(0.0, 0.01, 0.0) + 0.01).abs() < 1e-12, "a debt stays");
+        assert!((observer.energy_j() - 0.01).abs() < 1e-12, "and the statistic counts all");
     }
 
     #[test]

@@ -16,12 +16,18 @@ impl Speed {
         Self { limit_m_s, last_m: None }
     }
 
-    /// Whether the device is too fast, `dt` seconds after the last call. With no time between, any move is.
+    /// Whether the device is too fast, `dt` seconds after the last call. A clock too coarse to see the time between is waited for: the way is
+    /// judged when it has moved on.
     pub fn is_over(&mut self, motion: &ToolMotion, dt: f64) -> bool {
         let at = motion.pose.translation.vector;
-        let way = self.last_m.replace(at).map_or(0.0, |last| (at - last).norm());
+        let way = self.last_m.map_or(0.0, |last| (at - last).norm());
+        let has_time = dt > 0.0;
+        if has_time || self.last_m.is_none() {
+            self.last_m = Some(at);
+        }
         // Written so that a NaN is too fast.
-        let is_believed = motion.linear_m_s.norm() <= self.limit_m_s && way <= self.limit_m_s * dt;
+        let is_believed = motion.linear_m_s.norm() <= self.limit_m_s
+            && (way <= self.limit_m_s * dt || !has_time && way.is_finite());
         !is_believed
     }
 
@@ -52,5 +58,16 @@ mod tests {
         speed.reset();
         assert!(!speed.is_over(&at(0.0, 0.0), 0.0));
         assert!(!speed.is_over(&at(0.0, 0.0), 0.0), "no time and no move");
+    }
+
+    #[test]
+    fn a_coarse_clock_is_waited_for() {
+        let at = |x: f64| ToolMotion::at(Pose::translation(x, 0.0, 0.0));
+        for (way, is_over) in [(0.009, false), (0.011, true)] {
+            let mut speed = Speed::new(1.0);
+            speed.is_over(&at(0.0), 1e-3);
+            assert!(!speed.is_over(&at(0.5 * way), 0.0) && !speed.is_over(&at(way), 0.0));
+            assert_eq!(speed.is_over(&at(way), 0.01), is_over, "{way} m in 10 ms");
+        }
     }
 }

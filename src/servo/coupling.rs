@@ -109,6 +109,9 @@ impl VirtualCoupling {
     }
 }
 
+/// Farthest that a proxy may be from its device, in m: an arm's length. No tissue holds it there, but a law gone wild would throw it.
+const REACH_M: f64 = 0.5;
+
 /// The tool that hangs on a [`VirtualCoupling`].
 #[derive(Clone, Debug)]
 pub struct Proxy {
@@ -174,21 +177,32 @@ impl Proxy {
         } else {
             translation(&resistance, &(load - law.damping * turning(device)), device)
         };
-        // The spring makes the matrix positive definite; should rounding say otherwise, the tool is where the device is.
-        let Some(moving) = moving.filter(|v| v.iter().all(|x| x.is_finite())) else {
-            self.motion = *device;
-            return;
-        };
-        let mut way = Pose::identity();
-        way.translation.vector = self.motion.pose.translation.vector + linear(&moving) * dt;
-        way.rotation = if self.turns_freely {
-            Quat::from_scaled_axis(angular(&moving) * dt) * self.motion.pose.rotation
+        let moved = moving.map(|v| self.moved(&v, device, dt)).filter(|moved| is_within_reach(moved, device));
+        // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
+        self.motion = moved.unwrap_or(*device);
+    }
+
+    /// Where a velocity leads.
+    fn moved(&self, moving: &Vec6, device: &ToolMotion, dt: f64) -> ToolMotion {
+        let at = self.motion.pose.translation.vector + linear(moving) * dt;
+        let mut rotation = if self.turns_freely {
+            Quat::from_scaled_axis(angular(moving) * dt) * self.motion.pose.rotation
         } else {
             device.pose.rotation
         };
-        way.rotation.renormalize_fast();
-        self.motion = ToolMotion { pose: way, linear_m_s: linear(&moving), angular_rad_s: angular(&moving) };
+        rotation.renormalize_fast();
+        ToolMotion {
+            pose: Pose::from_parts(at.into(), rotation),
+            linear_m_s: linear(moving),
+            angular_rad_s: angular(moving),
+        }
     }
+}
+
+/// Whether a proxy is one that a device could hold.
+fn is_within_reach(proxy: &ToolMotion, device: &ToolMotion) -> bool {
+    let way = proxy.pose.translation.vector - device.pose.translation.vector;
+    proxy.is_valid() && way.norm() <= REACH_M
 }
 
 /// The velocity with the device's rotation, balanced in translation alone.

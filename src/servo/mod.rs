@@ -246,7 +246,6 @@ impl Servo {
             return true;
         }
         if !newest.is_finite() {
-            self.follower.reset();
             return false;
         }
         let tool = self.proxy.as_ref().map_or(&self.motion, Proxy::motion);

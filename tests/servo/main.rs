@@ -1,6 +1,7 @@
 //! The servo loop against scripted tissue, a simulated device and a simulated hand.
 
 mod behaviour;
+mod bounds;
 #[path = "../support/haptic_device.rs"]
 mod haptic_device;
 mod physics;

@@ -7,9 +7,9 @@
 //!                                           └──────────── sim::SurfacePort::map ──▶ vertices, normals
 //! ```
 //!
-//! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed; [`sim`] who
-//! drives; [`channel`] how threads meet. [`capi`] is the C interface over all of it, and nothing imports it. What the tissue
-//! obeys is described in [`model::law`].
+//! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed;
+//! [`sim`] who drives; [`servo`] how a haptic device feels it; [`channel`] how threads meet. [`capi`] is the C interface over all of it,
+//! and nothing imports it. What the tissue obeys is described in [`model::law`].
 //!
 //! ```
 //! use std::sync::Arc;
@@ -48,6 +48,7 @@ pub mod math;
 pub mod model;
 #[cfg(test)]
 mod noise;
+pub mod servo;
 pub mod sim;
 pub mod solver;
 mod trace;

@@ -6,6 +6,10 @@ use nalgebra as na;
 pub type Vec3 = na::Vector3<f64>;
 /// A 3 × 3 matrix.
 pub type Mat3 = na::Matrix3<f64>;
+/// Three numbers of translation or force, then three of rotation or torque.
+pub type Vec6 = na::Vector6<f64>;
+/// A 6 × 6 matrix between two [`Vec6`].
+pub type Mat6 = na::Matrix6<f64>;
 /// A rotation as a unit quaternion.
 pub type Quat = na::UnitQuaternion<f64>;
 /// A rigid transform: rotation, then translation in metres.

@@ -5,9 +5,7 @@
 //! a reader that is still looking. Neither side loops, waits or allocates, and a value that the reader holds stays whole until its
 //! next read.
 
-use std::cell::UnsafeCell;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU8, Ordering};
+use super::sync::{Arc, AtomicU8, Ordering, UnsafeCell};
 
 /// Set in `floating` where the floating slot holds a value that the reader has not taken.
 const FRESH: u8 = 4;
@@ -53,7 +51,7 @@ impl<T> Writer<T> {
     /// Makes `value` the newest.
     pub fn publish(&mut self, value: T) {
         // SAFETY: the writer owns this slot, and there is one writer, borrowed mutably.
-        unsafe { *self.shared.slots[usize::from(self.own)].0.get() = value };
+        self.shared.slots[usize::from(self.own)].0.with_mut(|slot| unsafe { *slot = value });
         // Release: the reader that takes the slot sees the value just written. Acquire: whatever the reader did with the slot that
         // comes back happened before we write to it again.
         let back = self.shared.floating.swap(self.own | FRESH, Ordering::AcqRel);
@@ -73,11 +71,11 @@ impl<T> Reader<T> {
             self.own = taken & !FRESH;
         }
         // SAFETY: the reader owns this slot, and there is one reader, borrowed mutably for as long as the value is looked at.
-        (unsafe { &*self.shared.slots[usize::from(self.own)].0.get() }, is_fresh)
+        (self.shared.slots[usize::from(self.own)].0.with(|slot| unsafe { &*slot }), is_fresh)
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(loom)))]
 mod tests {
     use super::*;
 

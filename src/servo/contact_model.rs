@@ -1,0 +1,237 @@
+//! What the physics publishes about one tool's contact: enough for a servo loop to know the force at any motion near by.
+
+use super::impedance::{displacement, linear, stacked, velocity, wrench};
+use crate::math::{Mat6, Pose, Vec3};
+use crate::solver::tool::{ToolMotion, Wrench};
+
+/// A tool's wrench at one motion, and how it changes around it. World axes, torque and rotation about the tool's origin.
+///
+/// The law is F = F₀ − K (x − x₀) − B (v − v₀), where x − x₀ is a translation and a rotation vector, but tissue can only push: see
+/// [`evaluate`](Self::evaluate).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactModel {
+    /// Force and torque that the tissue exerts **on the tool** (F₀).
+    pub wrench: Wrench,
+    /// The motion that they were computed at (x₀, v₀).
+    pub motion: ToolMotion,
+    /// K `[N/m, N/rad; N m/m, N m/rad]`: symmetric, positive semidefinite, within the coupling's limits; what
+    /// [`clamped`](super::impedance::clamped) makes. Zero where nothing is touched.
+    pub stiffness: Mat6,
+    /// B, likewise, per second.
+    pub damping: Mat6,
+    /// Unit direction in which the tissue pushes the tool away; zero where nothing is touched, or where the tool is held from several
+    /// sides and leaving one is entering another. What [`push_direction`] makes.
+    pub push: Vec3,
+    /// Simulated time, in seconds.
+    pub time_s: f64,
+    /// Time between the last two solves on the wall clock, in seconds: how long this model will have to serve.
+    pub period_s: f64,
+    /// The servo's own time stamp of the motion that the solve took, in seconds; NaN if there was none. Tells how old a force is from end to end.
+    pub stamp_s: f64,
+    /// Counts the tool's models; 0 before the first.
+    pub sequence: u64,
+}
+
+/// Share of the normal force below which a leaving tool's friction and torque fade as well.
+const LAST_HOLD: f64 = 0.2;
+
+/// Tissue is taken to surround a tool where less than this share of its pushes is left when they are added up: two equal pushes at
+/// more than 120° to each other.
+const LEAST_AGREEMENT: f64 = 0.5;
+
+impl ContactModel {
+    /// Nothing is touched.
+    pub fn none() -> Self {
+        Self {
+            wrench: Wrench::default(),
+            motion: ToolMotion::at(Pose::identity()),
+            stiffness: Mat6::zeros(),
+            damping: Mat6::zeros(),
+            push: Vec3::zeros(),
+            time_s: 0.0,
+            period_s: 0.0,
+            stamp_s: f64::NAN,
+            sequence: 0,
+        }
+    }
+
+    /// Whether every number that a force could come from is finite.
+    pub fn is_finite(&self) -> bool {
+        self.motion.is_valid()
+            && stacked(&self.wrench).iter().chain(self.push.iter()).all(|x| x.is_finite())
+            && self.stiffness.iter().chain(self.damping.iter()).all(|x| x.is_finite())
+            && self.period_s.is_finite()
+    }
+
+    /// The wrench at a motion near the model's own.
+    ///
+    /// Contact is one-sided, and the line through F₀ is not: followed backwards it would pull a leaving tool into the tissue. So the
+    /// part of the force along [`push`](Self::push) never changes its sign. Where it would, the tool has left and there is no
+    /// wrench at all; and over the last fifth of it, friction and torque fade too, since what is no longer pressed
+    /// cannot hold. Where F₀ itself does not push, the law is zero.
+    pub fn evaluate(&self, motion: &ToolMotion) -> Wrench {
+        let line = self.line(motion);
+        if self.push == Vec3::zeros() {
+            return line;
+        }
+        let pressed = self.wrench.force_n.dot(&self.push);
+        let pressing = line.force_n.dot(&self.push);
+        if pressed <= 0.0 || pressing <= 0.0 {
+            return Wrench::default();
+        }
+        let hold = (pressing / (LAST_HOLD * pressed)).min(1.0);
+        let normal = self.push * pressing;
+        Wrench { force_n: normal + (line.force_n - normal) * hold, torque_n_m: line.torque_n_m * hold }
+    }
+
+    /// Whether the tool would have left the tissue at a motion: the law is zero there.
+    pub fn has_left(&self, motion: &ToolMotion) -> bool {
+        self.push != Vec3::zeros() && self.line(motion).force_n.dot(&self.push) <= 0.0
+    }
+
+    /// The law without its one-sidedness.
+    fn line(&self, motion: &ToolMotion) -> Wrench {
+        let away = displacement(&self.motion.pose, &motion.pose);
+        let faster = velocity(motion) - velocity(&self.motion);
+        wrench(&(stacked(&self.wrench) - self.stiffness * away - self.damping * faster))
+    }
+
+    /// The law at a motion between this model's (`share` 0) and another's (1), as a model around that motion.
+    pub fn between(&self, other: &Self, share: f64, motion: &ToolMotion) -> Self {
+        let mix = |a: f64, b: f64| a + (b - a) * share;
+        let (a, b) = (self.evaluate(motion), other.evaluate(motion));
+        let push = self.push.zip_map(&other.push, mix);
+        Self {
+            wrench: Wrench {
+                force_n: a.force_n.zip_map(&b.force_n, mix),
+                torque_n_m: a.torque_n_m.zip_map(&b.torque_n_m, mix),
+            },
+            motion: *motion,
+            stiffness: self.here(&self.stiffness, motion).zip_map(&other.here(&other.stiffness, motion), mix),
+            damping: self.here(&self.damping, motion).zip_map(&other.here(&other.damping, motion), mix),
+            push: push.try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
+            ..*other
+        }
+    }
+
+    /// A stiffness or damping as it is at a motion: none beyond the tissue.
+    fn here(&self, of: &Mat6, motion: &ToolMotion) -> Mat6 {
+        if self.has_left(motion) { Mat6::zeros() } else { *of }
+    }
+}
+
+/// The direction in which tissue pushes a tool that it touches in many points, from the normal force on the tool at each (friction left
+/// out): [`ContactModel::push`].
+pub fn push_direction(pushes: impl IntoIterator<Item = Vec3>) -> Vec3 {
+    let (sum, total) =
+        pushes.into_iter().fold((Vec3::zeros(), 0.0), |(sum, total), push| (sum + push, total + push.norm()));
+    let agrees = sum.norm() >= LEAST_AGREEMENT * total;
+    sum.try_normalize(f64::MIN_POSITIVE).filter(|_| agrees).unwrap_or_default()
+}
+
+/// The rate at which a model says that force along a direction falls with motion along it, in N/m.
+pub fn stiffness_along(stiffness: &Mat6, direction: Vec3) -> f64 {
+    let mut way = stacked(&Wrench::default());
+    way.fixed_rows_mut::<3>(0).copy_from(&direction);
+    linear(&(stiffness * way)).dot(&direction)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::impedance::isotropic;
+    use super::*;
+
+    /// Pushed along z by 1 N, dragged along x by 0.3 N, turned by a torque.
+    fn pressed() -> ContactModel {
+        ContactModel {
+            wrench: Wrench { force_n: Vec3::new(0.3, 0.0, 1.0), torque_n_m: Vec3::new(0.0, 0.02, 0.0) },
+            motion: ToolMotion::at(Pose::translation(0.1, 0.2, 0.3)),
+            stiffness: isotropic(500.0, 0.2),
+            damping: isotropic(2.0, 0.0),
+            push: Vec3::z(),
+            period_s: 0.001,
+            sequence: 1,
+            ..ContactModel::none()
+        }
+    }
+
+    fn lifted(by_m: f64) -> ToolMotion {
+        ToolMotion::at(Pose::translation(0.1, 0.2, 0.3 + by_m))
+    }
+
+    #[test]
+    fn force_follows_stiffness_and_damping_around_its_motion() {
+        let model = pressed();
+        assert_eq!(model.evaluate(&model.motion), model.wrench);
+        let turn = Vec3::new(0.0, 0.1, 0.0);
+        let mut motion = ToolMotion::at(Pose::new(Vec3::new(0.101, 0.2, 0.299), turn));
+        motion.linear_m_s = Vec3::new(0.0, 0.05, 0.0);
+        let felt = model.evaluate(&motion);
+        assert!((felt.force_n - Vec3::new(0.3 - 0.5, -0.1, 1.5)).norm() < 1e-12, "{felt:?}");
+        assert!((felt.torque_n_m - Vec3::new(0.0, 0.02 - 0.02, 0.0)).norm() < 1e-12, "{felt:?}");
+    }
+
+    #[test]
+    fn a_leaving_tool_is_never_pulled_back() {
+        let model = pressed();
+        let mut last = model.wrench.force_n;
+        // The line reaches zero after 1 N / 500 N/m = 2 mm.
+        for step in 1..=400 {
+            let felt = model.evaluate(&lifted(1e-5 * f64::from(step)));
+            assert!(felt.force_n.z >= 0.0, "{felt:?}");
+            assert!((felt.force_n - last).norm() < 0.02, "no jump: {felt:?} after {last:?}");
+            last = felt.force_n;
+            if step >= 200 {
+                assert_eq!(felt, Wrench::default(), "neither drag nor torque in the air");
+            }
+        }
+        let mut withdrawn = lifted(0.0);
+        withdrawn.linear_m_s = Vec3::z() * 0.6;
+        assert_eq!(model.evaluate(&withdrawn), Wrench::default(), "damping does not hold it either");
+    }
+
+    #[test]
+    fn a_tool_held_from_both_sides_is_pushed_back_either_way() {
+        let held = ContactModel { push: push_direction([Vec3::z(), -Vec3::z() * 0.9]), ..pressed() };
+        assert_eq!(held.push, Vec3::zeros());
+        assert!(held.evaluate(&lifted(4e-3)).force_n.z < -0.9);
+    }
+
+    #[test]
+    fn pushes_that_agree_have_a_direction() {
+        let at = |angle: f64| Vec3::new(angle.sin(), 0.0, angle.cos());
+        assert!((push_direction([at(1.0), at(-1.0)]) - Vec3::z()).norm() < 1e-12);
+        assert_eq!(push_direction([at(1.1), at(-1.1)]), Vec3::zeros());
+        assert_eq!(push_direction([]), Vec3::zeros());
+        assert_eq!(push_direction([Vec3::zeros()]), Vec3::zeros());
+    }
+
+    #[test]
+    fn nothing_touched_is_no_wrench_anywhere() {
+        assert_eq!(ContactModel::none().evaluate(&lifted(5.0)), Wrench::default());
+        assert!(ContactModel::none().is_finite());
+    }
+
+    #[test]
+    fn a_law_between_two_is_their_mean_and_starts_at_the_first() {
+        let (a, mut b) = (pressed(), pressed());
+        b.wrench.force_n.z = 3.0;
+        b.stiffness *= 3.0;
+        let at = lifted(-1e-3);
+        for share in [0.0, 0.25, 1.0] {
+            let mean = a.between(&b, share, &at);
+            let expected = a.evaluate(&at).force_n * (1.0 - share) + b.evaluate(&at).force_n * share;
+            assert!((mean.evaluate(&at).force_n - expected).norm() < 1e-12);
+            let stiffness = stiffness_along(&mean.stiffness, Vec3::z());
+            assert!((stiffness - 500.0 * (1.0 + 2.0 * share)).abs() < 1e-9, "{stiffness}");
+        }
+    }
+
+    #[test]
+    fn a_law_in_the_air_resists_nothing() {
+        let (model, above) = (pressed(), lifted(3e-3));
+        let law = model.between(&model, 0.5, &above);
+        assert_eq!((law.stiffness, law.damping), (Mat6::zeros(), Mat6::zeros()));
+        assert_eq!(law.evaluate(&lifted(0.0)), Wrench::default());
+    }
+}

@@ -1,0 +1,293 @@
+//! The servo loop's side of a tool: from a device's motion to the force on its motors, at 1 kHz or faster, whatever the physics' rate.
+//!
+//! ```text
+//!  device ──▶ coupling ──▶ tool's motion ──▶ physics ──▶ contact model ─┐
+//!    ▲            ▲                                                     │
+//!    │            └── follower: the law that fades to the newest model ◀┘
+//!    └── safety chain ◀── passivity ◀── wrench at the device's motion now
+//! ```
+//!
+//! The physics publishes a [`ContactModel`] with every solve, with the stiffness that its [`stiffness::StiffnessEstimator`] found.
+//! [`Servo::tick`] follows the newest one, couples the device to the tool, watches the energy and bounds the force. Nothing here knows how
+//! tissue is solved or how threads meet. A tick takes no lock, no clock and no memory, calls no system, has no loop without a bound, and
+//! cannot panic.
+//!
+//! ```
+//! use palpate::channel::latest::latest;
+//! use palpate::servo::contact_model::ContactModel;
+//! use palpate::servo::device::DeviceDesc;
+//! use palpate::servo::patch::Patch;
+//! use palpate::servo::stiffness::StiffnessEstimator;
+//! use palpate::servo::{DeviceState, Servo, ServoOptions};
+//! # use palpate::math::{Pose, Vec3};
+//! # use palpate::solver::tool::{Contact, ToolMotion, Wrench};
+//!
+//! let device = DeviceDesc::touch();
+//! let options = ServoOptions::of(&device);
+//! let mut servo = Servo::new(&device, &options)?;
+//! let mut estimator = StiffnessEstimator::new(&options.coupling.limits(&device), 0.0);
+//! let (mut models, mut newest) = latest(ContactModel::none());
+//!
+//! // On the simulation's thread, after a solve:
+//! # let (motion, wrench, contacts) = (ToolMotion::at(Pose::identity()), Wrench::default(), Vec::<Contact>::new());
+//! # let (time_s, period_s, stamp_s, sequence) = (0.0, 1e-3, 0.0, 1);
+//! let patch = Patch::of(&contacts, |_material| (10e3, 0.45), 0.2);
+//! let found = estimator.update(patch.as_ref(), &motion, &wrench, period_s);
+//! models.publish(ContactModel {
+//!     wrench,
+//!     motion,
+//!     stiffness: found.stiffness,
+//!     damping: found.damping,
+//!     push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
+//!     time_s,
+//!     period_s,
+//!     stamp_s,
+//!     sequence,
+//! });
+//!
+//! // On the servo's thread, at each tick:
+//! # let (is_held, is_live) = (true, true);
+//! let state = DeviceState { motion, stamp_s, is_held };
+//! let out = servo.tick(&state, newest.read().0, is_live);
+//! // out.tool goes to the simulation with stamp_s, out.wrench to the motors.
+//! assert!(out.wrench.force_n.norm() <= device.max_force_n);
+//! # Ok::<(), palpate::error::Error>(())
+//! ```
+
+pub mod clock;
+pub mod contact_model;
+pub mod coupling;
+pub mod device;
+pub mod flags;
+pub mod follower;
+pub mod impedance;
+pub mod passivity;
+pub mod patch;
+pub mod safety;
+pub mod stiffness;
+
+use clock::{Clock, Tick};
+use contact_model::ContactModel;
+use coupling::{Coupling, Proxy, VirtualCoupling};
+use device::DeviceDesc;
+use flags::Flags;
+use follower::Follower;
+use passivity::Observer;
+use safety::{Asked, DISENGAGING, SafetyChain};
+
+use crate::error::Result;
+use crate::math::Pose;
+use crate::solver::tool::{ToolMotion, Wrench};
+
+/// What a device says at a tick of its servo loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DeviceState {
+    /// Where it is and how it moves, world frame.
+    pub motion: ToolMotion,
+    /// When that was, in seconds on the host's clock, from any start.
+    pub stamp_s: f64,
+    /// Whether the dead-man switch is held; `true` for a device without one.
+    pub is_held: bool,
+}
+
+/// How a servo loop is run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ServoOptions {
+    /// How the tool follows the device.
+    pub coupling: Coupling,
+    /// Whether the passivity controller damps when the loop has given energy. The observer always runs.
+    pub controls_passivity: bool,
+}
+
+impl ServoOptions {
+    /// What is safe whatever the tissue: the stiffest coupling that the device renders, kept passive.
+    pub fn of(desc: &DeviceDesc) -> Self {
+        Self { coupling: Coupling::Virtual(VirtualCoupling::of(desc)), controls_passivity: true }
+    }
+}
+
+/// What comes of a tick.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Output {
+    /// Force and torque for the device's motors. Always finite and within its limits.
+    pub wrench: Wrench,
+    /// The tool's motion, for the physics.
+    pub tool: ToolMotion,
+    /// What happened to the force.
+    pub flags: Flags,
+}
+
+/// What a servo loop knows about itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ServoStatistics {
+    /// Ticks so far.
+    pub ticks: u64,
+    /// How many of them came after a pause, the first included.
+    pub pauses: u64,
+    /// Energy that the hand has put into the loop, in J.
+    pub energy_j: f64,
+    /// The least it ever was: a passive loop stays at or above zero.
+    pub least_energy_j: f64,
+    /// Root of the mean square of the force, over the device's window, in N.
+    pub average_force_n: f64,
+    /// Time since the newest contact model arrived, in s; infinite before the first.
+    pub age_s: f64,
+    /// Time from a motion's stamp to the tick that saw the first contact model computed with it, in s: the newest, ...
+    pub latency_s: f64,
+    /// ... and the longest so far. Zero where models carry no stamps.
+    pub longest_latency_s: f64,
+}
+
+/// One tool's servo loop.
+#[derive(Clone, Debug)]
+pub struct Servo {
+    desc: DeviceDesc,
+    options: ServoOptions,
+    clock: Clock,
+    follower: Follower,
+    proxy: Option<Proxy>,
+    observer: Observer,
+    chain: SafetyChain,
+    /// The last motion that was one.
+    motion: ToolMotion,
+    statistics: ServoStatistics,
+}
+
+impl Servo {
+    /// A loop for a device. Refuses limits and couplings that contradict each other.
+    pub fn new(desc: &DeviceDesc, options: &ServoOptions) -> Result<Self> {
+        desc.check()?;
+        let motion = ToolMotion::at(Pose::identity());
+        let proxy = match &options.coupling {
+            Coupling::Direct => None,
+            Coupling::Virtual(coupling) => {
+                coupling.check(desc)?;
+                Some(Proxy::new(coupling, &motion))
+            }
+        };
+        Ok(Self {
+            desc: *desc,
+            options: *options,
+            clock: Clock::default(),
+            follower: Follower::new(desc.tick_s()),
+            proxy,
+            observer: Observer::default(),
+            chain: SafetyChain::new(desc),
+            motion,
+            statistics: ServoStatistics { age_s: f64::INFINITY, ..ServoStatistics::default() },
+        })
+    }
+
+    /// One tick: what the device says and the physics' newest model in, the motors' wrench and the tool's motion out. `is_live` says
+    /// whether the simulation runs and has not failed.
+    pub fn tick(&mut self, device: &DeviceState, newest: &ContactModel, is_live: bool) -> Output {
+        let tick = self.clock.tick(device.stamp_s);
+        let is_motion = device.motion.is_valid();
+        // A device that says nonsense is where it last was, and stands.
+        self.motion = if is_motion { device.motion } else { ToolMotion::at(self.motion.pose) };
+        if tick == Tick::Fresh {
+            self.restart();
+        }
+
+        let is_model = self.follow(newest, device.stamp_s);
+        self.observer.look(&self.motion);
+        let dt = match tick {
+            Tick::Steady(dt) => dt,
+            Tick::Fresh | Tick::Unknown => 0.0,
+        };
+        let wrench = self.couple(dt);
+        let (wrench, damped) = self.keep_passive(wrench, dt);
+
+        let (wrench, flags) = self.chain.pass(&Asked {
+            wrench,
+            motion: self.motion,
+            tick,
+            age_s: self.follower.age_s(self.clock.now_s()),
+            period_s: self.follower.newest().period_s,
+            is_finite: is_motion && is_model,
+            is_live,
+            is_held: device.is_held,
+        });
+        if flags.intersects(DISENGAGING) {
+            self.release_proxy();
+        }
+        self.observer.render(&self.motion, &wrench);
+        self.count(tick);
+        let tool = self.proxy.as_ref().map_or(self.motion, |proxy| *proxy.motion());
+        Output { wrench, tool, flags: flags | damped }
+    }
+
+    /// How the loop has done so far.
+    pub fn statistics(&self) -> &ServoStatistics {
+        &self.statistics
+    }
+
+    /// The device that the loop was made for.
+    pub fn device(&self) -> &DeviceDesc {
+        &self.desc
+    }
+
+    /// What was done while the loop paused is not known: the motors were their own, and the hand may have gone anywhere.
+    fn restart(&mut self) {
+        self.observer.pause();
+        self.release_proxy();
+    }
+
+    fn release_proxy(&mut self) {
+        if let Some(proxy) = &mut self.proxy {
+            proxy.reset(&self.motion);
+        }
+    }
+
+    /// Takes the newest model, and says whether it can be believed.
+    fn follow(&mut self, newest: &ContactModel, stamp_s: f64) -> bool {
+        // Before the first solve there is nothing to follow, and its age stays infinite.
+        if newest.sequence == 0 {
+            return true;
+        }
+        if !newest.is_finite() {
+            return false;
+        }
+        let tool = self.proxy.as_ref().map_or(&self.motion, Proxy::motion);
+        let is_new = self.follower.accept(newest, tool, self.clock.now_s());
+        let latency = stamp_s - newest.stamp_s;
+        if is_new && latency.is_finite() {
+            self.statistics.latency_s = latency;
+            self.statistics.longest_latency_s = self.statistics.longest_latency_s.max(latency);
+        }
+        true
+    }
+
+    /// The wrench that the device feels, and where the tool goes.
+    fn couple(&mut self, dt: f64) -> Wrench {
+        let now = self.clock.now_s();
+        match &mut self.proxy {
+            None => self.follower.evaluate(&self.motion, now),
+            Some(proxy) => {
+                let law = self.follower.law(proxy.motion(), now);
+                proxy.advance(&law, &self.motion, dt)
+            }
+        }
+    }
+
+    /// Adds the passivity controller's damping.
+    fn keep_passive(&self, wrench: Wrench, dt: f64) -> (Wrench, Flags) {
+        if !self.options.controls_passivity {
+            return (wrench, Flags::NONE);
+        }
+        let most = self.desc.max_damping.linear;
+        let (damper, is_acting) =
+            passivity::control(self.observer.credit_j(), &wrench, &self.motion, dt, most);
+        (Wrench { force_n: wrench.force_n + damper.force_n, ..wrench }, Flags::DAMPED.when(is_acting))
+    }
+
+    fn count(&mut self, tick: Tick) {
+        let statistics = &mut self.statistics;
+        statistics.ticks += 1;
+        statistics.pauses += u64::from(tick == Tick::Fresh);
+        statistics.energy_j = self.observer.energy_j();
+        statistics.least_energy_j = self.observer.least_j();
+        statistics.average_force_n = self.chain.average_force_n();
+        statistics.age_s = self.follower.age_s(self.clock.now_s());
+    }
+}

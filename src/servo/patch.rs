@@ -1,0 +1,162 @@
+//! Where and how widely a tool touches tissue, and how stiff a half-space would be there.
+
+use super::contact_model::push_direction;
+use crate::math::{Mat3, Mat6, Pose, Vec3};
+use crate::solver::tool::Contact;
+
+/// What is known of a tool's contact. World axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Patch {
+    /// The middle of the contact.
+    pub point_m: Vec3,
+    /// Unit direction in which the tissue pushes; zero where it pushes from several sides, and there is no one normal.
+    pub normal: Vec3,
+    /// Radius of a circle as large as the contact, in m.
+    pub radius_m: f64,
+    /// Young's modulus of the tissue in Pa.
+    pub young_pa: f64,
+    /// Its Poisson's ratio.
+    pub poisson: f64,
+    /// Whether friction holds the tissue to the tool: without, there is no tangential stiffness.
+    pub sticks: bool,
+}
+
+/// Share of the largest friction from which on a contact counts as sliding.
+const SLIDING: f64 = 0.9;
+
+impl Patch {
+    /// The contact that these points make, or `None` where nothing pushes. `elasticity` gives Young's modulus in Pa and Poisson's ratio of a
+    /// material's index; `friction` is the tool's coefficient.
+    ///
+    /// All is weighed by the normal forces. The radius is that of the circle over which Hertz's pressure, p ∝ √(1 − r²/a²), has the same mean square
+    /// distance from its middle: 2 a² / 5.
+    pub fn of(contacts: &[Contact], elasticity: impl Fn(u8) -> (f64, f64), friction: f64) -> Option<Self> {
+        let pressing = |contact: &Contact| contact.force_n.dot(&contact.normal).max(0.0);
+        let total: f64 = contacts.iter().map(pressing).sum();
+        // Written so that a NaN is no contact.
+        let is_pressed = total > 0.0;
+        if !is_pressed {
+            return None;
+        }
+        let mean =
+            |of: &dyn Fn(&Contact) -> f64| contacts.iter().map(|c| pressing(c) * of(c)).sum::<f64>() / total;
+        let point_m = contacts.iter().map(|c| c.point_m * (pressing(c) / total)).sum::<Vec3>();
+        let normal = push_direction(contacts.iter().map(|c| c.normal * -pressing(c)));
+        let aside =
+            |c: &Contact| (c.point_m - point_m - normal * normal.dot(&(c.point_m - point_m))).norm_squared();
+        let dragging = contacts.iter().map(|c| c.force_n - c.normal * pressing(c)).sum::<Vec3>();
+        Some(Self {
+            point_m,
+            normal,
+            radius_m: (2.5 * mean(&aside)).sqrt(),
+            young_pa: mean(&|c| elasticity(c.material).0),
+            poisson: mean(&|c| elasticity(c.material).1),
+            sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
+        })
+    }
+
+    /// The stiffness that this contact has on a half-space, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
+    /// as that of a rigid circle of radius a (Johnson, "Contact Mechanics", 1985, chapters 3 and 7).
+    pub fn stiffness(&self, origin: &Pose) -> Mat6 {
+        let plane_strain = self.young_pa / (1.0 - self.poisson * self.poisson);
+        let shear = self.young_pa / (2.0 * (1.0 + self.poisson));
+        let normal = 2.0 * plane_strain * self.radius_m;
+        let tangential = if self.sticks { 8.0 * shear * self.radius_m / (2.0 - self.poisson) } else { 0.0 };
+        let along = self.normal * self.normal.transpose();
+        let springs = along * normal + (Mat3::identity() - along) * tangential;
+        // The springs hold a point of the tool, an arm away from its origin: it moves by u + θ × r, and turns the tool by r × f.
+        let arm = (self.point_m - origin.translation.vector).cross_matrix();
+        let mut stiffness = Mat6::zeros();
+        stiffness.fixed_view_mut::<3, 3>(0, 0).copy_from(&springs);
+        stiffness.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-springs * arm));
+        stiffness.fixed_view_mut::<3, 3>(3, 0).copy_from(&(arm * springs));
+        stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(-arm * springs * arm));
+        stiffness
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::contact_model::stiffness_along;
+    use super::*;
+    use crate::math::Vec6;
+
+    /// A flat tip of 5 mm on E* = 12.5 kPa, incompressible.
+    fn patch() -> Patch {
+        Patch {
+            point_m: Vec3::zeros(),
+            normal: Vec3::z(),
+            radius_m: 5e-3,
+            young_pa: 12.5e3 * 0.75,
+            poisson: 0.5,
+            sticks: true,
+        }
+    }
+
+    /// Hertz's pressure over a circle of 4 mm at (0.1, 0, 0), 2 N in all, with the tool above and dragged along x by a share of it.
+    fn hertzian(drag: f64) -> Vec<Contact> {
+        let (radius, count) = (4e-3, 40);
+        let at = |i: i32| radius * f64::from(i) / f64::from(count);
+        let grid = (-count..=count).flat_map(|i| (-count..=count).map(move |j| (at(i), at(j))));
+        let points: Vec<_> =
+            grid.map(|(x, y)| (x, y, (1.0 - (x * x + y * y) / (radius * radius)).max(0.0).sqrt())).collect();
+        let total: f64 = points.iter().map(|(_, _, pressure)| pressure).sum();
+        let contact = |&(x, y, pressure): &(f64, f64, f64)| Contact {
+            point_m: Vec3::new(0.1 + x, y, 0.0),
+            normal: -Vec3::z(),
+            depth_m: 1e-3,
+            force_n: Vec3::new(drag, 0.0, -1.0) * (2.0 * pressure / total),
+            material: if x < 0.0 { 1 } else { 2 },
+        };
+        points.iter().map(contact).collect()
+    }
+
+    #[test]
+    fn the_stiffness_is_that_of_a_punch_on_a_half_space() {
+        let stiffness = patch().stiffness(&Pose::identity());
+        assert!((stiffness_along(&stiffness, Vec3::z()) - 125.0).abs() < 1e-9, "2 E* a");
+        // 8 G a ÷ (2 − ν) with G = E ÷ 3.
+        let tangential = 8.0 * (12.5e3 * 0.75 / 3.0) * 5e-3 / 1.5;
+        assert!((stiffness_along(&stiffness, Vec3::x()) - tangential).abs() < 1e-9);
+        let slippery = Patch { sticks: false, ..patch() }.stiffness(&Pose::identity());
+        assert_eq!(stiffness_along(&slippery, Vec3::x()), 0.0);
+    }
+
+    #[test]
+    fn a_contact_away_from_the_origin_resists_turning() {
+        // 50 mm below the origin: turning about y by θ moves the contact by −0.05 θ along x.
+        let stiffness = patch().stiffness(&Pose::translation(0.0, 0.0, 0.05));
+        let tangential = stiffness_along(&stiffness, Vec3::x());
+        let torque = -(stiffness * Vec6::new(0.0, 0.0, 0.0, 0.0, 1.0, 0.0));
+        assert!((torque.x - 0.05 * tangential).abs() < 1e-9, "the contact is pushed back: {torque}");
+        assert!((torque.a + 0.05 * 0.05 * tangential).abs() < 1e-9, "{torque}");
+        assert!((stiffness - stiffness.transpose()).norm() < 1e-9 * stiffness.norm());
+    }
+
+    #[test]
+    fn points_of_a_hertzian_contact_give_its_circle() {
+        let elasticity = |material| if material == 1 { (4e3, 0.4) } else { (6e3, 0.48) };
+        let found = Patch::of(&hertzian(0.0), elasticity, 0.0).unwrap();
+        assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
+        assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
+        // A line of points more on one half than on the other.
+        assert!((found.young_pa - 5e3).abs() < 30.0 && (found.poisson - 0.44).abs() < 2e-3, "{found:?}");
+    }
+
+    #[test]
+    fn a_contact_sticks_inside_the_cone_of_friction() {
+        let sticks =
+            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| (5e3, 0.45), friction).unwrap().sticks;
+        assert!(sticks(0.2, 0.3) && !sticks(0.3, 0.3) && !sticks(0.0, 0.0));
+    }
+
+    #[test]
+    fn nothing_that_pushes_is_no_contact() {
+        assert_eq!(Patch::of(&[], |_| (5e3, 0.45), 0.0), None);
+        let still: Vec<_> =
+            hertzian(0.0).into_iter().map(|c| Contact { force_n: Vec3::zeros(), ..c }).collect();
+        assert_eq!(Patch::of(&still, |_| (5e3, 0.45), 0.0), None);
+        let lost = Contact { force_n: Vec3::repeat(f64::NAN), ..still[0] };
+        assert_eq!(Patch::of(&[lost], |_| (5e3, 0.45), 0.0), None);
+    }
+}

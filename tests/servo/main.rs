@@ -1,0 +1,10 @@
+//! The servo loop against scripted tissue, a simulated device and a simulated hand.
+
+mod behaviour;
+mod bounds;
+#[path = "../support/haptic_device.rs"]
+mod haptic_device;
+mod physics;
+mod prediction;
+mod rig;
+mod stability;

@@ -14,6 +14,8 @@ constexpr double LEAD_M_S = 0.5;
 constexpr double SMALL_MOVE_M = 0.005;
 /// Longer gaps of the servo do not make longer moves plausible.
 constexpr double LONG_GAP_S = 0.05;
+/// After a longer gap the tool is led: a hand goes far in it, and the tool would strike there in one step.
+constexpr double SHORT_GAP_S = 0.01;
 /// While one of these lasts, where the device says it is means nothing.
 constexpr std::uint32_t LOST = PLP_HD_FAULT_NOT_FINITE | PLP_HD_FAULT_DEVICE | PLP_HD_FAULT_CALIBRATION;
 
@@ -126,7 +128,8 @@ void run(plp_hd &port) noexcept {
     s.last_s = t.time_s;
     s.has_ticked = true;
     // After a gap the ramp and the led tool go on as if it had been short.
-    const double dt_s = t.period_s < 0.01 ? t.period_s : 0.01;
+    const double dt_s = t.period_s < SHORT_GAP_S ? t.period_s : SHORT_GAP_S;
+    if (t.period_s > SHORT_GAP_S) s.is_led = true;
 
     if (port.asks_resume.exchange(false, std::memory_order_relaxed)) s.latched = 0;
     if (port.has_new_tool.exchange(false, std::memory_order_acquire)) {

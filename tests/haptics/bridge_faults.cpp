@@ -97,6 +97,10 @@ void warm_motors_and_speed_take_the_force_away_while_they_last() {
     CHECK(scene.state().last_hd_error == HD_WARM_MOTORS && scene.state().fault_ticks[3] == 300);
     hd_emulator_set_temperature(device(), 0.2);
     expect_slow_return(scene);
+    hd_emulator_inject_error(device(), HD_EXCEEDED_MAX_VELOCITY, 1);
+    scene.run(0.001);
+    scene.expect_none(PLP_HD_FAULT_LIMIT);
+    expect_slow_return(scene);
 }
 
 void a_device_that_loses_its_calibration_is_let_go_and_its_tool_stays() {
@@ -198,13 +202,26 @@ void a_servo_that_stops_is_told_and_its_motors_go_off() {
     CHECK(scene.state().faults == PLP_HD_FAULT_SERVO);
     NEAR(scene.state().idle_s, 0.060, 1e-9);
     late_s = 0.0;
+    // The hand goes on while the servo stands, and the tool follows at its pace, not in one step.
+    hd_emulator_motion away;
+    hd_emulator_motion_init(&away, HD_EMULATOR_HOLD);
+    away.start_m[0] = 0.03;
+    away.start_m[2] = -0.012;
+    hd_emulator_set_motion(device(), &away);
     hd_emulator_stall(0.2);
+    const plp_motion before = scene.state().last.motion;
     scene.stall(0.201); // and the device's own watchdog has let go meanwhile
+    const plp_motion after = scene.state().last.motion;
+    NEAR(after.pose.position_m[0] - before.pose.position_m[0], 0.005, 1e-4);
     plp_hd_statistics times;
     HD_ANSWERS(PLP_OK, plp_hd_get_statistics(scene.port, &times, sizeof times));
     NEAR(times.max_s, 0.201, 1e-9);
     CHECK(times.over_1_1_ms == 1 && times.over_2_ms == 1 && times.longest_run_over_1_1_ms == 1);
     CHECK(times.periods[500] == 1 && times.p50_s <= 1.01e-3 && times.p50_s >= 0.99e-3);
+    CHECK(largest_step_m(scene, 0.2) <= 0.5e-3 + 1e-9);
+    NEAR(scene.state().last.motion.pose.position_m[0], 0.05, 1e-3);
+    const hd_emulator_motion back = press_motion();
+    hd_emulator_set_motion(device(), &back);
     scene.run(1.0);
     scene.expect_force();
 }

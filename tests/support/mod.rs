@@ -47,12 +47,15 @@ pub fn c_compiler() -> Option<&'static str> {
     need(&["cc", "gcc", "clang"])
 }
 
+/// A C++ compiler.
+pub fn cpp_compiler() -> Option<&'static str> {
+    need(&["c++", "g++", "clang++"])
+}
+
 /// Compiles a C program into `dir`, linked against the shipped library, and returns its path.
 pub fn compile(compiler: &str, source: &Path, dir: &Path) -> PathBuf {
     install(dir);
-    let mut rpath = std::ffi::OsString::from("-Wl,-rpath,");
-    rpath.push(dir);
-    compile_with(compiler, source, dir, &["-L".as_ref(), dir.as_os_str(), &rpath, "-lpalpate".as_ref()])
+    compile_with(compiler, source, dir, &["-lpalpate".as_ref()])
 }
 
 /// Compiles a C program that loads the library itself.
@@ -72,10 +75,7 @@ pub fn install(dir: &Path) {
 
 fn compile_with(compiler: &str, source: &Path, dir: &Path, link: &[&OsStr]) -> PathBuf {
     let program = dir.join(source.file_stem().expect("a source has a name"));
-    run(Command::new(compiler)
-        .args(["-std=c11", "-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
-        .arg("-I")
-        .arg(root().join("include"))
+    run(compiler_command(compiler, "c11", dir)
         .arg("-I")
         .arg(root().join("tests/c"))
         .arg(source)
@@ -84,6 +84,23 @@ fn compile_with(compiler: &str, source: &Path, dir: &Path, link: &[&OsStr]) -> P
         .args(link)
         .args(["-lpthread", "-ldl", "-lm"]));
     program
+}
+
+/// A compiler that finds the header, warns about everything, and takes no warning. What it makes looks for libraries in
+/// `dir`.
+pub fn compiler_command(compiler: &str, standard: &str, dir: &Path) -> Command {
+    let mut rpath = std::ffi::OsString::from("-Wl,-rpath,");
+    rpath.push(dir);
+    let mut command = Command::new(compiler);
+    command
+        .arg(format!("-std={standard}"))
+        .args(["-O1", "-g", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])
+        .arg("-I")
+        .arg(root().join("include"))
+        .arg("-L")
+        .arg(dir)
+        .arg(rpath);
+    command
 }
 
 /// Compares text with a file of the repository, or writes the file when `PALPATE_BLESS` is set.

@@ -1,0 +1,58 @@
+// What the example can be told.
+#pragma once
+
+#include <cstdlib>
+#include <cstring>
+#include <string>
+#include <vector>
+
+struct Options {
+    double seconds = 10.0;
+    double scale = 1.0;             // world metres for each metre of the device
+    double cell_m = 0.009;          // coarse and soft enough for a processor to step in time
+    double young_cap_pa = 20e3;
+    unsigned threads = 0;           // of the simulation; 0 leaves one core to the servo
+    bool is_virtual = false;        // emulator: virtual time, the same numbers each time
+    std::string labels, csv = "haptics.csv", motion = "press", device;
+    std::vector<std::string> uses;  // LABEL=PRESET
+
+    static constexpr const char *HELP =
+        "haptics [--seconds 10] [--labels FILE LABEL=PRESET ...] [--cell MM] [--cap KPA] [--scale 1] [--threads N]\n"
+        "        [--csv haptics.csv] [--device NAME] [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
+        "--motion and --virtual need the emulator.\n";
+
+    /// False where they cannot be understood.
+    bool parse(int argc, char **argv) {
+        for (int i = 1; i < argc; ++i) {
+            const std::string name = argv[i];
+            if (name == "--virtual") {
+                is_virtual = true;
+            } else if (name.find('=') != std::string::npos) {
+                uses.push_back(name);
+            } else if (name.rfind("--", 0) != 0 || ++i == argc) {
+                return false;
+            } else if (const char *value = argv[i]; name == "--seconds") {
+                seconds = std::atof(value);
+            } else if (name == "--cell") {
+                cell_m = 1e-3 * std::atof(value);
+            } else if (name == "--cap") {
+                young_cap_pa = 1e3 * std::atof(value);
+            } else if (name == "--scale") {
+                scale = std::atof(value);
+            } else if (name == "--threads") {
+                threads = static_cast<unsigned>(std::atoi(value));
+            } else if (name == "--labels") {
+                labels = value;
+            } else if (name == "--csv") {
+                csv = value;
+            } else if (name == "--device") {
+                device = value;
+            } else if (name == "--motion") {
+                motion = value;
+            } else {
+                return false;
+            }
+        }
+        return seconds > 0.0 && seconds <= 3600.0;
+    }
+};

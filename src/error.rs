@@ -49,6 +49,14 @@ pub enum Error {
     #[error("the GPU failed: {0}")]
     Device(String),
 
+    /// A call that does not fit what the simulation is doing.
+    #[error("{0}")]
+    State(String),
+
+    /// A defect of this library ended the simulation.
+    #[error("{0}")]
+    Defect(String),
+
     /// The progress callback asked to stop.
     #[error("cancelled by the host")]
     Cancelled,

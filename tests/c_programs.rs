@@ -40,6 +40,13 @@ fn ports_work_while_the_simulation_steps() {
 }
 
 #[test]
+fn a_haptic_device_feels_the_tissue_and_nothing_else() {
+    if let Some(said) = run_c("servo") {
+        assert_eq!(said, "servo: ok\n");
+    }
+}
+
+#[test]
 fn every_backend_answers_and_the_processor_serves() {
     if let Some(said) = run_c("backends") {
         assert!(

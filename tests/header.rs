@@ -10,19 +10,22 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 18] = [
     "version",
     "status",
     "types/mod",
     "types/model",
     "types/device",
     "types/sim",
+    "types/drive",
+    "types/servo",
     "types/tool",
     "types/surface",
     "preset",
     "model",
     "device",
     "sim",
+    "drive",
     "statistics",
     "tool",
     "surface",

@@ -98,6 +98,21 @@
 /// This is decided once, by plp_sim_create.
 #define PLP_BACKEND_AUTO 2
 
+/// The simulation diverged: its tools feel nothing until plp_sim_reset. On its own thread it is paused.
+#define PLP_EVENT_DIVERGED 1
+
+/// The GPU was lost: the simulation can only be destroyed.
+#define PLP_EVENT_DEVICE_LOST 2
+
+/// The simulation's own thread fell so far behind that it let `value` seconds go.
+#define PLP_EVENT_FELL_BEHIND 3
+
+/// The servo of a tool's device has not called for a fifth of a second: the tool stands where it was.
+#define PLP_EVENT_SERVO_SILENT 4
+
+/// The buttons of a tool's device have changed, to `buttons`.
+#define PLP_EVENT_BUTTONS 5
+
 /// A label's voxels become nothing: air, gas, outside.
 #define PLP_USE_EMPTY 0
 
@@ -139,6 +154,60 @@
 
 /// A cell takes the label of the voxel at its centre.
 #define PLP_RESAMPLE_NEAREST 1
+
+/// The tool hangs on a spring between it and the device (default): stiff tissue, such as bone, is safe, and soft tissue feels a little softer.
+#define PLP_COUPLING_VIRTUAL 0
+
+/// The tool is where the device is: soft tissue feels as soft as it is, and nothing may be stiffer than the device renders.
+#define PLP_COUPLING_DIRECT 1
+
+/// A bit of plp_haptic_desc.flags (default on): damping is added where the loop has given the hand more energy than it got.
+#define PLP_HAPTIC_PASSIVE 1
+
+/// A bit of plp_haptic_desc.flags (default on): workspace_m[0] is the radius of a ball; without it workspace_m are half the edges of a box.
+#define PLP_HAPTIC_BALL 2
+
+/// A bit of plp_haptic_state.flags: the dead-man switch is not held, and there shall be no force.
+#define PLP_HAPTIC_RELEASED 1
+
+/// A bit of plp_servo.flags: the motion, the time stamp or the contact model was not finite. No force, until the tool engages again.
+#define PLP_SERVO_NOT_FINITE 1
+
+/// The servo loop paused, or its time went backwards. No force, until the tool engages again.
+#define PLP_SERVO_PAUSED (1 << 1)
+
+/// The simulation is gone or has failed. No force, until the tool engages again.
+#define PLP_SERVO_STOPPED (1 << 2)
+
+/// The newest step is old: the last force is held and no longer follows the tool.
+#define PLP_SERVO_HELD (1 << 3)
+
+/// It is so old that the force decays, or is gone.
+#define PLP_SERVO_DECAYING (1 << 4)
+
+/// The device moved faster than is believed. No force, until the tool engages again.
+#define PLP_SERVO_TOO_FAST (1 << 5)
+
+/// There is no force yet: the tool engages when the force has been small for a tenth of a second.
+#define PLP_SERVO_WAITING (1 << 6)
+
+/// The force is rising to its full share after the tool engaged.
+#define PLP_SERVO_RAMPING (1 << 7)
+
+/// The force was lowered to what the motors bear for long.
+#define PLP_SERVO_AVERAGED (1 << 8)
+
+/// Force or torque was clamped to the device's largest.
+#define PLP_SERVO_CLAMPED (1 << 9)
+
+/// Force or torque changed as fast as it may, and is not where it should be yet.
+#define PLP_SERVO_SLEWED (1 << 10)
+
+/// The dead-man switch is not held. No force at once, until the tool engages again.
+#define PLP_SERVO_RELEASED (1 << 11)
+
+/// Damping was added to keep the loop passive.
+#define PLP_SERVO_DAMPED (1 << 12)
 
 /// Steps compute in 32-bit floating point.
 #define PLP_PRECISION_SINGLE 0
@@ -539,6 +608,39 @@ typedef struct {
     uint32_t reserved;
 } plp_contact;
 
+/// Called on the simulation's own thread.
+typedef void (*plp_thread_fn)(void *user);
+
+/// How a simulation's own thread runs. Fill it with plp_thread_desc_init (or plp_thread_desc_default), then change what you need.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// Must be 0.
+    uint32_t reserved;
+    /// The first thing on the thread: set its priority and affinity here. @nullable
+    plp_thread_fn on_start;
+    /// The last thing on it. @nullable
+    plp_thread_fn on_stop;
+    /// Given to both. @nullable
+    void *user;
+    /// How much lateness is made up for at most, in s (default 0.02); what is beyond is let go.
+    double longest_lag_s;
+} plp_thread_desc;
+
+/// Something that happened while the simulation ran.
+typedef struct {
+    /// A PLP_EVENT_ value; later versions may have more.
+    uint32_t kind;
+    /// BUTTONS: all buttons now, a bit each.
+    uint32_t buttons;
+    /// Simulated time in s.
+    double time_s;
+    /// FELL_BEHIND: how much wall-clock time was let go, in s.
+    double value;
+    /// SERVO_SILENT, BUTTONS: plp_tool_get_id of the tool; 0 for all others.
+    uint64_t tool_id;
+} plp_event;
+
 /// How a simulation is doing.
 typedef struct {
     /// Steps since creation.
@@ -586,6 +688,12 @@ typedef struct {
     uint64_t bytes_to_device;
     /// Bytes copied from the GPU to the host since creation, what it reports of each step included; 0 on the processor.
     uint64_t bytes_to_host;
+    /// Steps of the simulation's own thread that ended after the next one was due.
+    uint64_t overrun_count;
+    /// Wall-clock time that this thread has let go because it fell too far behind, in seconds.
+    double dropped_s;
+    /// Events that found no room because nobody read them.
+    uint64_t dropped_event_count;
 } plp_statistics;
 
 /// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up
@@ -635,6 +743,55 @@ typedef struct {
     double half_extents_m[3];
 } plp_tool_part;
 
+/// What a haptic device can bear, and how it holds its tool. Defaults are those of a 3D Systems Touch, the former Phantom Omni; fill it with
+/// plp_haptic_desc_init (or plp_haptic_desc_default), then say what yours can.
+typedef struct {
+    /// The size of this struct as the caller knows it.
+    uint32_t struct_size;
+    /// PLP_HAPTIC_PASSIVE and so on, or'ed.
+    uint32_t flags;
+    /// Largest force in N.
+    double max_force_n;
+    /// Largest torque in N m; 0 for a device that renders none.
+    double max_torque_n_m;
+    /// Largest force that the motors bear for long, in N: a root mean square over window_s.
+    double continuous_force_n;
+    /// The same of the torque, in N m.
+    double continuous_torque_n_m;
+    /// Time over which these average, in s.
+    double window_s;
+    /// Largest stiffness that it renders stably, in N/m.
+    double max_stiffness_n_m;
+    /// And of rotation, in N m/rad.
+    double max_stiffness_n_m_rad;
+    /// Largest damping, in N s/m.
+    double max_damping_n_s_m;
+    /// And of rotation, in N m s/rad.
+    double max_damping_n_m_s_rad;
+    /// Fastest change of the force, in N/s; enough for the largest force to be gone in 30 ms.
+    double slew_n_s;
+    /// Fastest change of the torque, in N m/s.
+    double slew_n_m_s;
+    /// Rate of the servo loop in Hz, 200 or more.
+    double servo_rate_hz;
+    /// Fastest motion that is believed, in m/s.
+    double max_speed_m_s;
+    /// Where it can go, around its middle, in m.
+    double workspace_m[3];
+    /// PLP_COUPLING_VIRTUAL or PLP_COUPLING_DIRECT.
+    uint32_t coupling;
+    /// Must be 0.
+    uint32_t reserved;
+    /// VIRTUAL: stiffness of the spring in N/m; 0 (default) takes the device's largest.
+    double coupling_n_m;
+    /// VIRTUAL: its damping in N s/m (default 0).
+    double coupling_n_s_m;
+    /// VIRTUAL: torsional stiffness in N m/rad; 0 (default) takes the device's largest, where it renders torque.
+    double coupling_n_m_rad;
+    /// VIRTUAL: torsional damping in N m s/rad (default 0).
+    double coupling_n_m_s_rad;
+} plp_haptic_desc;
+
 /// A tool: a rigid compound of shapes. Fill it with plp_tool_desc_init (or plp_tool_desc_default), then give
 /// it parts.
 typedef struct {
@@ -646,6 +803,8 @@ typedef struct {
     const plp_tool_part *parts;
     /// Coulomb friction coefficient between tool and tissue, 0 to 100 (default 0).
     double friction;
+    /// The haptic device that holds the tool, for plp_tool_exchange; NULL (default) where none does. @nullable
+    const plp_haptic_desc *haptic;
 } plp_tool_desc;
 
 /// Where a tool is and how it moves.
@@ -672,6 +831,60 @@ typedef struct {
     /// Counts steps; 0 before the first one and after plp_sim_reset.
     uint64_t sequence;
 } plp_force;
+
+/// What a device says at a tick of its servo loop.
+typedef struct {
+    /// Where it is and how it moves, world frame.
+    plp_motion motion;
+    /// When that was, in seconds on a clock of yours that never runs backwards, from any start.
+    double stamp_s;
+    /// PLP_HAPTIC_RELEASED, or 0: also for a device without a dead-man switch.
+    uint32_t flags;
+    /// Its buttons, a bit each; changes come out as events.
+    uint32_t buttons;
+} plp_haptic_state;
+
+/// What a servo loop gets at a tick.
+typedef struct {
+    /// Force for the device's motors in N, world frame: finite and within the device's limits, whatever happened.
+    double force_n[3];
+    /// Torque for its motors in N m, about the tool's origin, world frame.
+    double torque_n_m[3];
+    /// Where the tool is: the device's motion, or that of the proxy which hangs on it.
+    plp_motion tool;
+    /// Simulated time of the step that the force comes from, in s.
+    double time_s;
+    /// How long ago that step arrived, in s; negative before the first.
+    double age_s;
+    /// How old the pose was with which the newest force was computed when that arrived, in s.
+    double latency_s;
+    /// Counts steps, as in plp_force.
+    uint64_t sequence;
+    /// PLP_SERVO_, or'ed; 0 where the force is just what the tissue answers.
+    uint32_t flags;
+    /// Always 0.
+    uint32_t reserved;
+} plp_servo;
+
+/// How a servo loop is doing.
+typedef struct {
+    /// Ticks so far.
+    uint64_t tick_count;
+    /// How many of them came after a pause, the first included.
+    uint64_t pause_count;
+    /// Energy that the hand has put into the loop, in J.
+    double energy_j;
+    /// The least it ever was: a passive loop stays at or above 0.
+    double least_energy_j;
+    /// Root of the mean square of the force, over the device's window, in N.
+    double average_force_n;
+    /// How long ago the newest step arrived, in s; negative before the first.
+    double age_s;
+    /// Time from a motion's stamp to the tick that saw the first force computed with it, in s: the newest, ...
+    double latency_s;
+    /// ... and the longest so far.
+    double longest_latency_s;
+} plp_servo_statistics;
 
 /// One frame of a surface, world frame. The arrays belong to the library and are valid until
 /// plp_surface_unmap; positions, normals and previous positions are aligned to 16 bytes. Vertex streams are
@@ -954,6 +1167,44 @@ plp_status plp_sim_get_contacts(const plp_sim *sim,
                                 uint64_t capacity,
                                 uint64_t *contact_count);
 
+/// Fills a desc with defaults. desc_size is sizeof(plp_thread_desc).
+///
+/// @thread any
+plp_status plp_thread_desc_init(plp_thread_desc *desc, uint32_t desc_size);
+
+/// Has a thread of the simulation's own step at the wall clock's pace, one step in each plp_sim_desc.step_s, until plp_sim_stop or
+/// plp_sim_destroy. plp_sim_step answers PLP_ERR_STATE meanwhile. All other calls work as before: those of the owner, and plp_surface_map, wait
+/// for the step in progress; those of servo threads never wait. desc may be NULL for defaults (@nullable desc).
+///
+/// A simulation that fails on it pauses: its tools feel nothing, and plp_sim_poll_event says why. The log is told nothing from this thread.
+///
+/// @thread owner
+plp_status plp_sim_start(plp_sim *sim,
+                         const plp_thread_desc *desc);
+
+/// Holds the simulation's own thread after the step in progress. Time that passes meanwhile is not made up for.
+///
+/// @thread owner
+plp_status plp_sim_pause(plp_sim *sim);
+
+/// Lets it go on.
+///
+/// @thread owner
+plp_status plp_sim_resume(plp_sim *sim);
+
+/// Ends the simulation's own thread, after the step in progress; from then on plp_sim_step steps. Fine where there is none.
+///
+/// @thread owner
+plp_status plp_sim_stop(plp_sim *sim);
+
+/// The oldest event that was not read yet, or PLP_NOTHING. At most 256 wait; plp_statistics.dropped_event_count counts those beyond. event_size
+/// is sizeof(plp_event).
+///
+/// @thread owner
+plp_status plp_sim_poll_event(plp_sim *sim,
+                              plp_event *event,
+                              uint32_t event_size);
+
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///
 /// @thread owner
@@ -1007,6 +1258,36 @@ plp_status plp_tool_set_pose(plp_tool *tool, const plp_motion *motion);
 ///
 /// @thread port @rt
 plp_status plp_tool_get_force(plp_tool *tool, plp_force *force);
+
+/// One tick of the servo loop of a tool's haptic device: where the device is goes in, and the force for its motors comes out, followed from the newest
+/// step to where the device is now and bounded by all that plp_haptic_desc says. Call it at the device's rate, whatever the simulation's; it does the work of
+/// plp_tool_set_pose and plp_tool_get_force.
+///
+/// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
+/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads.
+///
+/// @thread port @rt
+plp_status plp_tool_exchange(plp_tool *tool,
+                             const plp_haptic_state *state,
+                             plp_servo *servo);
+
+/// How a tool's servo loop is doing. Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is
+/// sizeof(plp_servo_statistics).
+///
+/// @thread port
+plp_status plp_tool_get_servo_statistics(const plp_tool *tool,
+                                         plp_servo_statistics *statistics,
+                                         uint32_t statistics_size);
+
+/// The id by which events name a tool: never 0 and never used again; 0 for what is no tool.
+///
+/// @thread any
+uint64_t plp_tool_get_id(const plp_tool *tool);
+
+/// Fills a desc with what a 3D Systems Touch bears. desc_size is sizeof(plp_haptic_desc).
+///
+/// @thread any
+plp_status plp_haptic_desc_init(plp_haptic_desc *desc, uint32_t desc_size);
 
 /// Opens a port on a surface of the simulation's model, `index` from 0 to plp_model_info.surface_count - 1.
 /// Several ports on one surface are fine. The port is the caller's, to be given to plp_surface_destroy,
@@ -1071,6 +1352,20 @@ static inline plp_sim_desc plp_sim_desc_default(void) {
 static inline plp_tool_desc plp_tool_desc_default(void) {
     plp_tool_desc desc;
     plp_tool_desc_init(&desc, (uint32_t)sizeof desc);
+    return desc;
+}
+
+/// A 3D Systems Touch, until you say otherwise.
+static inline plp_haptic_desc plp_haptic_desc_default(void) {
+    plp_haptic_desc desc;
+    plp_haptic_desc_init(&desc, (uint32_t)sizeof desc);
+    return desc;
+}
+
+/// A thread without hooks.
+static inline plp_thread_desc plp_thread_desc_default(void) {
+    plp_thread_desc desc;
+    plp_thread_desc_init(&desc, (uint32_t)sizeof desc);
     return desc;
 }
 

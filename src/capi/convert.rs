@@ -5,11 +5,16 @@ use nalgebra as na;
 use super::boundary::{fill_text, read_text};
 use super::status::{Fault, PLP_ERR_UNSUPPORTED};
 use super::types::{
-    PLP_BACKEND_AUTO, PLP_BACKEND_CPU, PLP_BACKEND_CUDA, plp_box, plp_material, plp_motion, plp_place,
+    PLP_BACKEND_AUTO, PLP_BACKEND_CPU, PLP_BACKEND_CUDA, PLP_COUPLING_DIRECT, PLP_COUPLING_VIRTUAL,
+    PLP_HAPTIC_BALL, PLP_HAPTIC_PASSIVE, plp_box, plp_haptic_desc, plp_material, plp_motion, plp_place,
     plp_pose,
 };
 use crate::math::{Pose, Quat, Vec3};
 use crate::model::material::Material;
+use crate::servo::ServoOptions;
+use crate::servo::coupling::{Coupling, VirtualCoupling};
+use crate::servo::device::{DeviceDesc, Workspace};
+use crate::servo::impedance::BlockLimit;
 use crate::sim::{Backend, Place};
 use crate::solver::tool::ToolMotion;
 
@@ -132,6 +137,44 @@ pub(super) fn material_out(material: &Material) -> plp_material {
         damping_s: material.damping_s,
         name: fill_text(&material.name),
     }
+}
+
+/// A haptic device and how it holds its tool.
+pub(super) fn haptic(from: &plp_haptic_desc) -> Result<(DeviceDesc, ServoOptions), Fault> {
+    check_bits(from.flags, PLP_HAPTIC_PASSIVE | PLP_HAPTIC_BALL, "plp_haptic_desc.flags")?;
+    check_bits(from.reserved, 0, "plp_haptic_desc.reserved")?;
+    let device = DeviceDesc {
+        max_force_n: from.max_force_n,
+        max_torque_n_m: from.max_torque_n_m,
+        continuous_force_n: from.continuous_force_n,
+        continuous_torque_n_m: from.continuous_torque_n_m,
+        window_s: from.window_s,
+        max_stiffness: BlockLimit { linear: from.max_stiffness_n_m, angular: from.max_stiffness_n_m_rad },
+        max_damping: BlockLimit { linear: from.max_damping_n_s_m, angular: from.max_damping_n_m_s_rad },
+        slew_n_per_s: from.slew_n_s,
+        slew_n_m_per_s: from.slew_n_m_s,
+        servo_rate_hz: from.servo_rate_hz,
+        max_speed_m_s: from.max_speed_m_s,
+        workspace: if from.flags & PLP_HAPTIC_BALL != 0 {
+            Workspace::Ball { radius_m: from.workspace_m[0] }
+        } else {
+            Workspace::Box { half_extents_m: from.workspace_m.into() }
+        },
+    };
+    let strongest = VirtualCoupling::of(&device);
+    let or = |asked: f64, most: f64| if asked == 0.0 { most } else { asked };
+    let coupling = match from.coupling {
+        PLP_COUPLING_DIRECT => Coupling::Direct,
+        PLP_COUPLING_VIRTUAL => Coupling::Virtual(VirtualCoupling {
+            stiffness_n_per_m: or(from.coupling_n_m, strongest.stiffness_n_per_m),
+            damping_n_s_per_m: from.coupling_n_s_m,
+            stiffness_n_m_per_rad: or(from.coupling_n_m_rad, strongest.stiffness_n_m_per_rad),
+            damping_n_m_s_per_rad: from.coupling_n_m_s_rad,
+        }),
+        other => return Err(Fault::argument(format!("coupling {other} is no PLP_COUPLING_ value"))),
+    };
+    let controls_passivity = from.flags & PLP_HAPTIC_PASSIVE != 0;
+    Ok((device, ServoOptions { coupling, controls_passivity }))
 }
 
 /// Refuses flag bits and reserved fields that only a newer library would know.

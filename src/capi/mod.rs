@@ -21,6 +21,7 @@
 mod boundary;
 mod convert;
 pub mod device;
+pub mod drive;
 mod handle;
 pub mod model;
 pub mod preset;

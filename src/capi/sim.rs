@@ -104,6 +104,11 @@ impl SimBody {
         (tag, self.link.clone())
     }
 
+    /// The id by which a host knows a tool; 0 where its handle is gone.
+    pub fn id_of(&self, tool: ToolId) -> u64 {
+        self.tools.iter().find(|(_, known)| *known == tool).map_or(0, |(tag, _)| *tag)
+    }
+
     /// What ports of this simulation share with it.
     pub fn link(&self) -> Arc<Link> {
         self.link.clone()

@@ -39,6 +39,9 @@ pub unsafe extern "C" fn plp_sim_get_statistics(
                 dropped_point_count: now.dropped_points,
                 bytes_to_device: now.copied.to_device,
                 bytes_to_host: now.copied.to_host,
+                overrun_count: now.overruns,
+                dropped_s: now.dropped_s,
+                dropped_event_count: now.dropped_events,
             };
             // SAFETY: checked above; the host offers `statistics_size` bytes.
             unsafe { write_output(statistics, statistics_size, &now) };

@@ -91,6 +91,8 @@ fn code_of(error: &Error) -> plp_status {
         Error::Io { .. } => PLP_ERR_IO,
         Error::Unsupported(_) => PLP_ERR_UNSUPPORTED,
         Error::Limit(_) => PLP_ERR_LIMIT,
+        Error::State(_) => PLP_ERR_STATE,
+        Error::Defect(_) => PLP_ERR_POISONED,
         Error::Cancelled => PLP_ERR_CANCELLED,
         Error::Diverged { .. } => PLP_ERR_DIVERGED,
         Error::NoDevice(_) => PLP_ERR_NO_DEVICE,

@@ -2,14 +2,18 @@
 
 use std::sync::Arc;
 
-use super::boundary::{boundary, check_out, init_desc, read_desc, read_list, rt_boundary};
-use super::convert::{check_bits, motion_out, pose, try_motion};
+use super::boundary::{
+    boundary, check_out, check_output, init_desc, read_desc, read_list, rt_boundary, write_output,
+};
+use super::convert::{check_bits, haptic, motion_out, pose, try_motion};
 use super::handle::{self, Handle};
 use super::sim::{Link, with_sim};
-use super::status::{Fault, PLP_ERR_ARGUMENT, PLP_ERR_NULL, PLP_OK, PLP_STOPPED, plp_status};
+use super::status::{Fault, PLP_ERR_ARGUMENT, PLP_ERR_NULL, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status};
 use super::types::*;
-use crate::sim::ToolPort;
-use crate::solver::tool::{MAX_PARTS, Shape, ToolDesc, Wrench};
+use crate::math::{Pose, Vec3};
+use crate::servo::DeviceState;
+use crate::sim::{Exchange, ToolPort};
+use crate::solver::tool::{MAX_PARTS, Shape, ToolDesc, ToolMotion, Wrench};
 
 /// What a `plp_tool` stands for.
 #[derive(Debug)]
@@ -60,9 +64,17 @@ pub unsafe extern "C" fn plp_tool_create(
     boundary(|| {
         with_sim(sim, |body| {
             check_out(tool, "tool")?;
-            // SAFETY: the host's desc is as long as it says, and its parts as many.
-            let desc = unsafe { desc_of(&read_desc(desc)?) }?;
-            let port = body.sim.add_tool(&desc)?;
+            // SAFETY: the host's desc is as long as it says.
+            let asked = unsafe { read_desc(desc) }?;
+            // SAFETY: its parts are as many as it says.
+            let desc = unsafe { desc_of(&asked) }?;
+            let port = if asked.haptic.is_null() {
+                body.sim.add_tool(&desc)?
+            } else {
+                // SAFETY: the host's desc is as long as it says.
+                let (device, options) = haptic(&unsafe { read_desc(asked.haptic) }?)?;
+                body.sim.add_haptic_tool(&desc, &device, &options)?
+            };
             let (tag, link) = body.admit_tool(port.id());
             let handle = handle::create::<plp_tool>(ToolBody { port, link, tag }, tag);
             // SAFETY: checked not to be NULL; the host offers a pointer's room.
@@ -135,6 +147,139 @@ pub unsafe extern "C" fn plp_tool_get_force(tool: *mut plp_tool, force: *mut plp
         unsafe { force.write_unaligned(felt) };
         Ok(if live { PLP_OK } else { PLP_STOPPED })
     })
+}
+
+/// One tick of the servo loop of a tool's haptic device: where the device is goes in, and the force for its motors comes out, followed from the newest
+/// step to where the device is now and bounded by all that plp_haptic_desc says. Call it at the device's rate, whatever the simulation's; it does the work of
+/// plp_tool_set_pose and plp_tool_get_force.
+///
+/// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
+/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads.
+///
+/// @thread port @rt
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_tool_exchange(
+    tool: *mut plp_tool,
+    state: *const plp_haptic_state,
+    servo: *mut plp_servo,
+) -> plp_status {
+    rt_boundary(|| {
+        if servo.is_null() {
+            return Err(PLP_ERR_NULL);
+        }
+        // SAFETY: not NULL; the host offers room for it. Whatever goes wrong after this, there is no force.
+        unsafe { servo.write_unaligned(NO_SERVO) };
+        let mut body = handle::hold(tool)?;
+        if state.is_null() {
+            return Err(PLP_ERR_NULL);
+        }
+        // SAFETY: not NULL; the host passes a state.
+        let state = unsafe { state.read_unaligned() };
+        let device = DeviceState {
+            motion: try_motion(&state.motion).unwrap_or_else(no_motion),
+            stamp_s: state.stamp_s,
+            is_held: state.flags & PLP_HAPTIC_RELEASED == 0,
+        };
+        let is_sound = !body.link.is_poisoned();
+        let exchange = body.port.exchange(&device, state.buttons, is_sound).ok_or(PLP_ERR_STATE)?;
+        let (age_s, latency_s) =
+            body.port.servo_statistics().map_or((-1.0, 0.0), |s| (age_out(s.age_s), s.latency_s));
+        // SAFETY: as above.
+        unsafe { servo.write_unaligned(servo_out(&exchange, age_s, latency_s)) };
+        Ok(if exchange.is_live { PLP_OK } else { PLP_STOPPED })
+    })
+}
+
+/// What is written where nothing can be said.
+const NO_SERVO: plp_servo = plp_servo {
+    force_n: [0.0; 3],
+    torque_n_m: [0.0; 3],
+    tool: plp_motion {
+        pose: plp_pose { position_m: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] },
+        linear_m_s: [0.0; 3],
+        angular_rad_s: [0.0; 3],
+    },
+    time_s: 0.0,
+    age_s: -1.0,
+    latency_s: 0.0,
+    sequence: 0,
+    flags: PLP_SERVO_STOPPED,
+    reserved: 0,
+};
+
+/// A motion that is none, which the servo answers with no force.
+fn no_motion() -> ToolMotion {
+    ToolMotion { linear_m_s: Vec3::repeat(f64::NAN), ..ToolMotion::at(Pose::identity()) }
+}
+
+/// An age that a host can print.
+fn age_out(age_s: f64) -> f64 {
+    if age_s.is_finite() { age_s } else { -1.0 }
+}
+
+fn servo_out(exchange: &Exchange, age_s: f64, latency_s: f64) -> plp_servo {
+    let Exchange { output, time_s, sequence, .. } = exchange;
+    plp_servo {
+        force_n: output.wrench.force_n.into(),
+        torque_n_m: output.wrench.torque_n_m.into(),
+        tool: motion_out(&output.tool),
+        time_s: *time_s,
+        age_s,
+        latency_s,
+        sequence: *sequence,
+        flags: output.flags.0,
+        reserved: 0,
+    }
+}
+
+/// How a tool's servo loop is doing. Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is
+/// sizeof(plp_servo_statistics).
+///
+/// @thread port
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_tool_get_servo_statistics(
+    tool: *const plp_tool,
+    statistics: *mut plp_servo_statistics,
+    statistics_size: u32,
+) -> plp_status {
+    boundary(|| {
+        let body = handle::hold(tool).map_err(handle::fault::<plp_tool>)?;
+        check_output(statistics, statistics_size)?;
+        let now = body
+            .port
+            .servo_statistics()
+            .ok_or_else(|| Fault::new(PLP_ERR_STATE, "the tool was made without a haptic device"))?;
+        let now = plp_servo_statistics {
+            tick_count: now.ticks,
+            pause_count: now.pauses,
+            energy_j: now.energy_j,
+            least_energy_j: now.least_energy_j,
+            average_force_n: now.average_force_n,
+            age_s: age_out(now.age_s),
+            latency_s: now.latency_s,
+            longest_latency_s: now.longest_latency_s,
+        };
+        // SAFETY: checked above; the host offers `statistics_size` bytes.
+        unsafe { write_output(statistics, statistics_size, &now) };
+        Ok(PLP_OK)
+    })
+}
+
+/// The id by which events name a tool: never 0 and never used again; 0 for what is no tool.
+///
+/// @thread any
+#[unsafe(no_mangle)]
+pub extern "C" fn plp_tool_get_id(tool: *const plp_tool) -> u64 {
+    handle::tag(tool).unwrap_or(0)
+}
+
+/// Fills a desc with what a 3D Systems Touch bears. desc_size is sizeof(plp_haptic_desc).
+///
+/// @thread any
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_haptic_desc_init(desc: *mut plp_haptic_desc, desc_size: u32) -> plp_status {
+    // SAFETY: the host offers `desc_size` bytes.
+    boundary(|| unsafe { init_desc(desc, desc_size) })
 }
 
 /// # Safety

@@ -157,8 +157,8 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(report)
     }
 
-    fn contacts(&self, tool: usize) -> Vec<Contact> {
-        self.core.contact.contacts_of(tool as u32, self.core.last_dt).collect()
+    fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
+        self.core.contact.contacts_of(tool as u32, self.core.last_dt).for_each(show);
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {

@@ -554,9 +554,10 @@ impl Solver for CudaSolver {
         self.lost.borrow().as_ref().map_or(Ok(()), |why| Err(Error::Device(why.clone())))
     }
 
-    fn contacts(&self, tool: usize) -> Vec<Contact> {
-        let Some(&origin) = self.origins.get(tool) else { return Vec::new() };
-        self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt))
+    fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
+        let Some(&origin) = self.origins.get(tool) else { return };
+        let found = self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt));
+        found.into_iter().for_each(show);
     }
 
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {

@@ -1,9 +1,12 @@
 //! WHO drives: a running simulation and its ports.
 //!
-//! A [`Sim`] is driven by its owner, one thread at a time. A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
+//! A [`Sim`] is driven by its owner, one thread at a time, or by a thread of its own ([`Sim::start`]). A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 
 mod backend;
+mod drive;
+mod event;
+mod haptics;
 mod latency;
 mod pick;
 mod state;
@@ -16,16 +19,23 @@ use std::time::Instant;
 use parking_lot::Mutex;
 
 pub use self::backend::{Backend, Place};
+pub use self::drive::{Hook, ThreadDesc};
+pub use self::event::Event;
 pub use self::latency::Latency;
 pub use self::pick::Pick;
 pub use self::surface_port::{SurfaceFrame, SurfacePort};
-pub use self::tool_port::ToolPort;
+pub use self::tool_port::{Exchange, ToolPort};
 pub use crate::solver::SurfaceField;
 
+use self::drive::Driver;
+use self::event::{EVENTS, Events};
 use self::state::State;
+use crate::channel::ring::{Consumer, ring};
 use crate::error::{Error, Result};
 use crate::math::{FAR_M, Pose, Vec3};
 use crate::model::Model;
+use crate::servo::ServoOptions;
+use crate::servo::device::DeviceDesc;
 use crate::solver::load::Load;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc};
@@ -139,6 +149,9 @@ pub struct Sim {
     place: Place,
     /// The renderers' ports wait here for a step to end; `None` once the simulation is gone.
     state: Arc<Mutex<Option<State>>>,
+    events: Consumer<Event>,
+    /// The thread that steps, where it is not the owner.
+    driver: Option<Driver>,
 }
 
 impl Sim {
@@ -146,8 +159,9 @@ impl Sim {
     pub fn new(model: Arc<Model>, desc: &SimDesc) -> Result<Self> {
         desc.check()?;
         let (solver, place) = backend::open(&model, desc)?;
-        let state = State::new(model.clone(), desc.clone(), solver)?;
-        Ok(Self { model, place, state: Arc::new(Mutex::new(Some(state))) })
+        let (told, events) = ring(EVENTS);
+        let state = State::new(model.clone(), desc.clone(), solver, Events::new(told))?;
+        Ok(Self { model, place, state: Arc::new(Mutex::new(Some(state))), events, driver: None })
     }
 
     /// Where it runs.
@@ -159,6 +173,9 @@ impl Sim {
     /// then fails in the same way, tools feel nothing, and [`Self::nodes`] and [`Self::energy`] mean nothing, from the call on that
     /// found it. A reset does not help; a new simulation may run elsewhere.
     pub fn check(&self) -> Result<()> {
+        if self.driver.as_ref().is_some_and(Driver::has_panicked) {
+            return Err(Error::Defect("a defect of the library ended the simulation's thread".into()));
+        }
         self.with(State::check)
     }
 
@@ -170,7 +187,54 @@ impl Sim {
     /// Adds a tool. It touches nothing until its first motion is set.
     pub fn add_tool(&mut self, desc: &ToolDesc) -> Result<ToolPort> {
         desc.check()?;
-        self.with(|state| state.add_tool(desc))
+        self.with(|state| state.add_tool(desc, None))
+    }
+
+    /// Adds a tool that a haptic device holds: its port runs the servo loop, see [`ToolPort::exchange`].
+    pub fn add_haptic_tool(
+        &mut self,
+        desc: &ToolDesc,
+        device: &DeviceDesc,
+        options: &ServoOptions,
+    ) -> Result<ToolPort> {
+        desc.check()?;
+        self.with(|state| state.add_tool(desc, Some((device, options))))
+    }
+
+    /// Has a thread of the simulation's own step at the wall clock's pace, one step in each [`SimDesc::step_s`], until [`Self::stop`]. Calls of the owner
+    /// meanwhile wait for the step in progress, as do renderers; servo threads never wait.
+    ///
+    /// A simulation that fails on it pauses: its tools feel nothing, and an [`Event`] says why.
+    pub fn start(&mut self, desc: ThreadDesc) -> Result<()> {
+        if self.driver.is_some() {
+            return Err(Error::State("the simulation has a thread of its own already".into()));
+        }
+        let step_s = self.with(|state| state.step_s());
+        self.driver = Some(Driver::start(self.state.clone(), step_s, desc)?);
+        Ok(())
+    }
+
+    /// Holds the simulation's own thread after the step in progress, or lets it go on. Time that passes meanwhile is no time behind.
+    pub fn set_paused(&mut self, paused: bool) -> Result<()> {
+        let driver = self.driver.as_ref();
+        let driver = driver.ok_or_else(|| Error::State("the simulation has no thread of its own".into()))?;
+        driver.set_paused(paused);
+        Ok(())
+    }
+
+    /// Ends the simulation's own thread; from then on the owner steps again. Nothing where there is none.
+    pub fn stop(&mut self) -> Result<()> {
+        // A thread that ended by a defect is kept: it is how that is known.
+        if self.driver.as_ref().is_some_and(Driver::has_panicked) {
+            return self.check();
+        }
+        self.driver = None;
+        Ok(())
+    }
+
+    /// The oldest event that was not read yet. At most 256 wait; [`Statistics::dropped_events`] counts those beyond.
+    pub fn poll_event(&mut self) -> Option<Event> {
+        self.events.pop()
     }
 
     /// Removes a tool; its port then reports that it is stopped.
@@ -188,6 +252,9 @@ impl Sim {
     /// After [`Error::Diverged`] the state is the last good one, at rest, and every further step fails in the same way until
     /// [`Self::reset`].
     pub fn step(&mut self) -> Result<()> {
+        if self.driver.is_some() {
+            return Err(Error::State("the simulation steps on a thread of its own; stop it first".into()));
+        }
         let _range = trace::range(c"step");
         let asked = Instant::now();
         self.with(|state| state.step(asked))
@@ -306,7 +373,8 @@ impl Sim {
 
 impl Drop for Sim {
     fn drop(&mut self) {
-        // Ports may live on; the state must not.
+        // Its thread first: it looks at the state. Ports may live on; the state must not.
+        self.driver = None;
         let state = self.state.lock().take();
         drop(state);
     }

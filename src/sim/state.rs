@@ -4,14 +4,19 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::event::{Event, Events};
+use super::haptics::Haptics;
 use super::latency::Latency;
-use super::tool_port::{self, ToolEnd, ToolPort};
+use super::tool_port::{self, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
 use crate::model::{Model, energy};
+use crate::servo::contact_model::ContactModel;
+use crate::servo::device::DeviceDesc;
+use crate::servo::{Servo, ServoOptions};
 use crate::solver::load::NodalLoads;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
@@ -26,6 +31,8 @@ const SAFETY: f64 = 0.95;
 const STRAIN_AHEAD: f64 = 0.05;
 /// Substeps between two looks at whether the tissue has settled.
 const SETTLE_BLOCK: u32 = 50;
+/// Contact points from which the stiffness of a tool's contact is told; of more, the first.
+const MAX_TOUCHED: usize = 1024;
 
 /// A simulation's state.
 #[derive(Debug)]
@@ -52,11 +59,14 @@ pub(super) struct State {
     steps: Vec<ToolStep>,
     planned: Vec<usize>,
     sums: Vec<ToolSum>,
+    /// Contacts of the tool at hand, world frame.
+    touched: Vec<Contact>,
+    events: Events,
     moved_regions: Vec<RegionStep>,
 }
 
 impl State {
-    pub fn new(model: Arc<Model>, desc: SimDesc, solver: Box<dyn Solver>) -> Result<Self> {
+    pub fn new(model: Arc<Model>, desc: SimDesc, solver: Box<dyn Solver>, events: Events) -> Result<Self> {
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
         let mut state = Self {
@@ -85,6 +95,8 @@ impl State {
             planned: Vec::with_capacity(MAX_TOOLS),
             moved_regions: Vec::with_capacity(model.regions().len()),
             sums: Vec::with_capacity(MAX_TOOLS),
+            touched: Vec::with_capacity(MAX_TOUCHED),
+            events,
             model,
         };
         let needed = state.substeps_needed();
@@ -100,12 +112,19 @@ impl State {
         Ok(state)
     }
 
-    pub fn add_tool(&mut self, desc: &ToolDesc) -> Result<ToolPort> {
+    /// With a device, its servo loop runs in the port.
+    pub fn add_tool(
+        &mut self,
+        desc: &ToolDesc,
+        device: Option<(&DeviceDesc, &ServoOptions)>,
+    ) -> Result<ToolPort> {
         self.check()?;
+        let servo = device.map(|(device, options)| Servo::new(device, options)).transpose()?;
+        let haptics = device.map(|(device, options)| Haptics::new(device, options, &self.model));
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
-        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc);
+        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, servo, haptics);
         self.tools.push(end);
         Ok(port)
     }
@@ -123,11 +142,16 @@ impl State {
         found.ok_or_else(|| Error::argument(format!("there is no tool {} in this simulation", id.0)))
     }
 
+    /// Simulated length of a step in s.
+    pub fn step_s(&self) -> f64 {
+        self.desc.step_s
+    }
+
     /// `asked` is when the step was asked for.
     pub fn step(&mut self, asked: Instant) -> Result<()> {
         self.refuse_if_failed()?;
         let (substeps, dt) = self.note_substeps();
-        self.take_motions();
+        self.take_motions(asked);
         self.advance(substeps, dt, None)?;
 
         self.statistics.time_s += dt * f64::from(self.report.substeps);
@@ -135,7 +159,7 @@ impl State {
             return Err(self.note_divergence());
         }
         self.statistics.steps += 1;
-        self.publish_forces(dt * f64::from(substeps));
+        self.publish_forces(dt * f64::from(substeps))?;
         let wall = asked.elapsed().as_secs_f64();
         self.latency.note(wall);
         self.statistics.step_device_s = self.report.device_s;
@@ -146,7 +170,7 @@ impl State {
 
     pub fn settle(&mut self, tolerance: f64, max_substeps: u64) -> Result<f64> {
         self.refuse_if_failed()?;
-        self.take_motions();
+        self.take_motions(Instant::now());
         // Regions and tools arrive within the first block, then stay.
         let mut taken = 0;
         let mut left = f64::INFINITY;
@@ -159,7 +183,7 @@ impl State {
             // What a node gains in one more substep is by all that acts on it, loads and contact too.
             self.solver.velocities(&mut before);
             self.settle_for(1, dt, false)?;
-            self.publish_forces(dt);
+            self.publish_forces(dt)?;
             taken += u64::from(block) + 1;
             left = self.solver.largest_change(&before) / dt;
         }
@@ -236,14 +260,9 @@ impl State {
     pub fn contacts(&mut self, id: ToolId) -> Result<Vec<Contact>> {
         let index = self.tool_index(id)?;
         let Some(planned) = self.planned.iter().position(|&p| p == index) else { return Ok(Vec::new()) };
-        let frame = self.model.frame();
-        let mut contacts = self.solver.contacts(planned);
+        let (frame, mut contacts) = (self.model.frame(), Vec::new());
+        self.solver.contacts(planned, &mut |contact| contacts.push(in_world(&frame, contact)));
         self.check()?;
-        for contact in &mut contacts {
-            contact.point_m = frame.transform_point(&contact.point_m.into()).coords;
-            contact.normal = frame * contact.normal;
-            contact.force_n = frame * contact.force_n;
-        }
         Ok(contacts)
     }
 
@@ -260,7 +279,8 @@ impl State {
     }
 
     pub fn statistics(&self) -> Statistics {
-        Statistics { copied: self.solver.copied(), ..self.statistics }
+        let (copied, dropped_events) = (self.solver.copied(), self.events.dropped);
+        Statistics { copied, dropped_events, ..self.statistics }
     }
 
     pub fn energy(&mut self) -> Energy {
@@ -312,6 +332,7 @@ impl State {
     fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
         if let Err(Error::Device(why)) = &answer {
             self.lost = Some(why.clone());
+            self.events.tell(Event::DeviceLost { time_s: self.statistics.time_s });
             self.let_go();
         }
         answer
@@ -342,16 +363,27 @@ impl State {
         (count, dt)
     }
 
-    /// Reads the tools' newest motions and plans their ways in the coming step.
-    fn take_motions(&mut self) {
+    /// Reads the tools' newest motions and plans their ways in the coming step, which begins `now`.
+    fn take_motions(&mut self, now: Instant) {
         let to_model = self.model.frame().inverse();
         self.forget_plan();
         for (index, tool) in self.tools.iter_mut().enumerate() {
-            let Some(motion) = *tool.motion.read().0 else { continue };
+            let (newest, is_news) = tool.asked.read();
+            let Some(asked) = *newest else { continue };
             // A tool appears where it is first set, without having swept the way there.
-            let from = tool.stands.unwrap_or(motion).pose;
-            tool.stands = Some(motion);
-            let path = ToolPath { from: to_model * from, to: to_model * motion.pose };
+            let from = tool.stands.unwrap_or(asked).motion.pose;
+            tool.stands = Some(asked);
+            if let Some(haptics) = &mut tool.haptics {
+                let (time_s, id) = (self.statistics.time_s, tool.id);
+                let (fell_silent, changed) = haptics.listen(is_news, asked.buttons, now);
+                if fell_silent {
+                    self.events.tell(Event::ServoSilent { time_s, tool: id });
+                }
+                if let Some(buttons) = changed {
+                    self.events.tell(Event::Buttons { time_s, tool: id, buttons });
+                }
+            }
+            let path = ToolPath { from: to_model * from, to: to_model * asked.motion.pose };
             self.planned.push(index);
             self.steps.push(ToolStep { desc: tool.desc.clone(), path });
         }
@@ -404,21 +436,45 @@ impl State {
         Ok(())
     }
 
-    /// Gives each tool the mean wrench of the step. World frame.
-    fn publish_forces(&mut self, duration: f64) {
-        let frame = self.model.frame();
-        for (&index, sum) in self.planned.iter().zip(&self.sums) {
+    /// Gives each tool the mean wrench of the step, and those with a device what their servo needs. World frame.
+    fn publish_forces(&mut self, duration: f64) -> Result<()> {
+        let (frame, now) = (self.model.frame(), Instant::now());
+        for (planned, (&index, sum)) in self.planned.iter().zip(&self.sums).enumerate() {
             let tool = &mut self.tools[index];
-            let motion = tool.stands.expect("a planned tool stands somewhere");
-            tool.force.publish(ToolForce {
+            let asked = tool.stands.expect("a planned tool stands somewhere");
+            let force = ToolForce {
                 wrench: Wrench {
                     force_n: frame * sum.impulse.force_n / duration,
                     torque_n_m: frame * sum.impulse.torque_n_m / duration,
                 },
-                motion,
+                motion: asked.motion,
                 time_s: self.statistics.time_s,
                 sequence: self.statistics.steps,
+            };
+            let Some(haptics) = &mut tool.haptics else {
+                tool.felt.publish(Felt { force, model: ContactModel::none() });
+                continue;
+            };
+            let touched = &mut self.touched;
+            touched.clear();
+            self.solver.contacts(planned, &mut |contact| {
+                if touched.len() < MAX_TOUCHED {
+                    touched.push(in_world(&frame, contact));
+                }
             });
+            let friction = tool.desc.friction;
+            let model = haptics.model(&asked, &force, touched, friction, duration, now, &self.model);
+            tool.felt.publish(Felt { force, model });
+        }
+        self.check()
+    }
+
+    /// The simulation's own thread ended a step late, and has let so much time go.
+    pub fn note_late(&mut self, dropped_s: Option<f64>) {
+        self.statistics.overruns += 1;
+        if let Some(dropped_s) = dropped_s {
+            self.statistics.dropped_s += dropped_s;
+            self.events.tell(Event::FellBehind { time_s: self.statistics.time_s, dropped_s });
         }
     }
 
@@ -431,7 +487,7 @@ impl State {
     }
 
     /// The simulation failed: tools feel nothing.
-    fn let_go(&mut self) {
+    pub fn let_go(&mut self) {
         for tool in &mut self.tools {
             tool.release(self.statistics.time_s, self.statistics.steps, true);
         }
@@ -441,6 +497,7 @@ impl State {
     fn note_divergence(&mut self) -> Error {
         let time_s = self.statistics.time_s;
         self.diverged_at = Some(time_s);
+        self.events.tell(Event::Diverged { time_s });
         self.let_go();
         let dt = self.statistics.substep_s;
         Error::Diverged {
@@ -449,5 +506,15 @@ impl State {
                 "a node moved further than a cell, or nowhere finite, in a substep of {dt:.3e} s"
             ),
         }
+    }
+}
+
+/// A contact of the model's frame in the world's.
+fn in_world(frame: &Pose, contact: Contact) -> Contact {
+    Contact {
+        point_m: frame.transform_point(&contact.point_m.into()).coords,
+        normal: frame * contact.normal,
+        force_n: frame * contact.force_n,
+        ..contact
     }
 }

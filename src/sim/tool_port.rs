@@ -4,19 +4,40 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::ToolId;
+use super::haptics::Haptics;
 use crate::channel::latest::{Reader, Writer, latest};
 use crate::error::Result;
 use crate::math::Pose;
+use crate::servo::contact_model::ContactModel;
+use crate::servo::{DeviceState, Output, Servo, ServoStatistics};
 use crate::solver::tool::{ToolDesc, ToolForce, ToolMotion, Wrench};
 
 /// One tool of a simulation, held by its servo thread.
 #[derive(Debug)]
 pub struct ToolPort {
     id: ToolId,
-    motion: Writer<Option<ToolMotion>>,
-    force: Reader<ToolForce>,
+    asked: Writer<Option<Asked>>,
+    felt: Reader<Felt>,
+    servo: Option<Servo>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
+}
+
+/// What the servo thread asks of the simulation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Asked {
+    pub motion: ToolMotion,
+    /// When the device was there, on the host's clock; NaN where nobody said.
+    pub stamp_s: f64,
+    /// The device's buttons, a bit each.
+    pub buttons: u32,
+}
+
+/// What the simulation answers.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Felt {
+    pub force: ToolForce,
+    pub model: ContactModel,
 }
 
 /// The simulation's end of a tool.
@@ -24,35 +45,46 @@ pub struct ToolPort {
 pub(super) struct ToolEnd {
     pub id: ToolId,
     pub desc: Arc<ToolDesc>,
-    pub motion: Reader<Option<ToolMotion>>,
-    pub force: Writer<ToolForce>,
-    /// Where the tool stands, world frame; `None` before its first motion.
-    pub stands: Option<ToolMotion>,
+    pub asked: Reader<Option<Asked>>,
+    pub felt: Writer<Felt>,
+    /// What is asked of the tool, world frame; `None` before its first motion.
+    pub stands: Option<Asked>,
+    /// What a device's servo needs to know; `None` where there is no device.
+    pub haptics: Option<Haptics>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
 }
 
 /// Both ends of a new tool.
-pub(super) fn open(id: ToolId, desc: &ToolDesc) -> (ToolPort, ToolEnd) {
-    let (motion_writer, motion) = latest(None);
-    let (force, force_reader) = latest(ToolForce {
-        wrench: Wrench::default(),
-        motion: ToolMotion::at(Pose::identity()),
-        time_s: 0.0,
-        sequence: 0,
+pub(super) fn open(
+    id: ToolId,
+    desc: &ToolDesc,
+    servo: Option<Servo>,
+    haptics: Option<Haptics>,
+) -> (ToolPort, ToolEnd) {
+    let (asked_writer, asked) = latest(None);
+    let (felt, felt_reader) = latest(Felt {
+        force: ToolForce {
+            wrench: Wrench::default(),
+            motion: ToolMotion::at(Pose::identity()),
+            time_s: 0.0,
+            sequence: 0,
+        },
+        model: ContactModel::none(),
     });
     let is_running = Arc::new(AtomicBool::new(true));
     let has_failed = Arc::new(AtomicBool::new(false));
     let end = ToolEnd {
         id,
         desc: Arc::new(desc.clone()),
-        motion,
-        force,
+        asked,
+        felt,
         stands: None,
+        haptics,
         is_running: is_running.clone(),
         has_failed: has_failed.clone(),
     };
-    (ToolPort { id, motion: motion_writer, force: force_reader, is_running, has_failed }, end)
+    (ToolPort { id, asked: asked_writer, felt: felt_reader, servo, is_running, has_failed }, end)
 }
 
 impl ToolPort {
@@ -65,14 +97,33 @@ impl ToolPort {
     /// the motion is refused.
     pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
         motion.check()?;
-        self.motion.publish(Some(*motion));
+        self.asked.publish(Some(Asked { motion: *motion, stamp_s: f64::NAN, buttons: 0 }));
         Ok(())
     }
 
     /// The newest force, or none at all once the simulation or its tool is gone. Wait-free.
     pub fn force(&mut self) -> ToolForce {
-        let newest = *self.force.read().0;
+        let newest = self.felt.read().0.force;
         if self.is_running() { newest } else { ToolForce { wrench: Wrench::default(), ..newest } }
+    }
+
+    /// One tick of a device's servo loop: where the device is goes in, what its motors shall do comes out, and the simulation is told where the
+    /// tool is. `None` for a tool without a device. `is_sound` is whether the host, too, believes in the simulation. Wait-free.
+    pub fn exchange(&mut self, device: &DeviceState, buttons: u32, is_sound: bool) -> Option<Exchange> {
+        let is_live = self.is_live() && is_sound;
+        let servo = self.servo.as_mut()?;
+        let Felt { force, model } = self.felt.read().0;
+        let output = servo.tick(device, model, is_live);
+        let exchange = Exchange { output, time_s: force.time_s, sequence: force.sequence, is_live };
+        if output.tool.is_valid() {
+            self.asked.publish(Some(Asked { motion: output.tool, stamp_s: device.stamp_s, buttons }));
+        }
+        Some(exchange)
+    }
+
+    /// How the servo loop is doing; `None` for a tool without a device.
+    pub fn servo_statistics(&self) -> Option<&ServoStatistics> {
+        self.servo.as_ref().map(Servo::statistics)
     }
 
     /// Whether the simulation still exists and still has this tool. Wait-free.
@@ -80,9 +131,7 @@ impl ToolPort {
         // Relaxed: nothing else is read on the strength of this.
         self.is_running.load(Ordering::Relaxed)
     }
-}
 
-impl ToolPort {
     /// Whether the newest force means something: the simulation runs and has not diverged since its last reset. Wait-free.
     pub fn is_live(&self) -> bool {
         // Relaxed: as above.
@@ -90,11 +139,26 @@ impl ToolPort {
     }
 }
 
+/// What comes of a tick of a servo loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exchange {
+    /// Force and torque for the motors, where the tool is, and what happened to the force.
+    pub output: Output,
+    /// Simulated time of the newest force, in seconds.
+    pub time_s: f64,
+    /// Counts steps, as [`ToolForce::sequence`].
+    pub sequence: u64,
+    /// Whether the simulation runs and has not failed.
+    pub is_live: bool,
+}
+
 impl ToolEnd {
     /// Lets go: publishes no force, and says whether that is because the simulation failed.
     pub(super) fn release(&mut self, time_s: f64, sequence: u64, has_failed: bool) {
-        let motion = self.stands.unwrap_or(ToolMotion::at(Pose::identity()));
-        self.force.publish(ToolForce { wrench: Wrench::default(), motion, time_s, sequence });
+        let motion = self.stands.map_or(ToolMotion::at(Pose::identity()), |asked| asked.motion);
+        let model = self.haptics.as_mut().map_or(ContactModel::none(), |haptics| haptics.release(&motion));
+        let force = ToolForce { wrench: Wrench::default(), motion, time_s, sequence };
+        self.felt.publish(Felt { force, model });
         self.has_failed.store(has_failed, Ordering::Relaxed);
     }
 }

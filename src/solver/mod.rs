@@ -132,8 +132,8 @@ pub trait Solver: Send + std::fmt::Debug {
         Ok(())
     }
 
-    /// Contacts of the tool with index `tool` in the last plan, model frame.
-    fn contacts(&self, tool: usize) -> Vec<Contact>;
+    /// Shows the contacts of the tool with index `tool` in the last plan, model frame.
+    fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact));
 
     /// Computes a surface of the model as it is now. Fails when the device is lost, or has no room.
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()>;

@@ -41,6 +41,12 @@ pub struct Statistics {
     pub dropped_points: u64,
     /// Bytes resident for the state and topology of nodes.
     pub node_bytes: u64,
+    /// Steps of the simulation's own thread that ended after the next one was due.
+    pub overruns: u64,
+    /// Wall-clock time that this thread has let go because it fell too far behind, in seconds.
+    pub dropped_s: f64,
+    /// Events that nobody read in time.
+    pub dropped_events: u64,
     /// Bytes copied between the host and the GPU since creation, that included; 0 on the processor.
     pub copied: Copied,
 }

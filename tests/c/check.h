@@ -67,14 +67,23 @@ static inline plp_sim *simulation(const plp_model *model) {
     return sim;
 }
 
-static inline plp_tool *ball(plp_sim *sim) {
+static inline plp_tool *ball_of(plp_sim *sim, const plp_haptic_desc *haptic) {
     plp_tool_part part = plp_sphere(0.008);
     plp_tool_desc desc = plp_tool_desc_default();
     plp_tool *tool = NULL;
     desc.parts = &part;
     desc.part_count = 1;
+    desc.haptic = haptic;
     ANSWERS(PLP_OK, plp_tool_create(sim, &desc, &tool));
     return tool;
+}
+
+static inline plp_tool *ball(plp_sim *sim) { return ball_of(sim, NULL); }
+
+/* A ball that a haptic device holds. */
+static inline plp_tool *held_ball(plp_sim *sim) {
+    plp_haptic_desc haptic = plp_haptic_desc_default();
+    return ball_of(sim, &haptic);
 }
 
 #endif

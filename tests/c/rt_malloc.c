@@ -7,6 +7,7 @@
 #include "check.h"
 
 #include <dlfcn.h>
+#include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
 
@@ -62,6 +63,7 @@ FORWARD(const char *, plp_status_name, (plp_status status), (status))
 FORWARD(plp_status, plp_model_desc_init, (plp_model_desc *desc, uint32_t size), (desc, size))
 FORWARD(plp_status, plp_sim_desc_init, (plp_sim_desc *desc, uint32_t size), (desc, size))
 FORWARD(plp_status, plp_tool_desc_init, (plp_tool_desc *desc, uint32_t size), (desc, size))
+FORWARD(plp_status, plp_haptic_desc_init, (plp_haptic_desc *desc, uint32_t size), (desc, size))
 FORWARD(plp_status, plp_model_create, (const plp_model_desc *desc, plp_model **out), (desc, out))
 FORWARD(plp_status, plp_sim_create, (const plp_model *model, const plp_sim_desc *desc, plp_sim **out),
         (model, desc, out))
@@ -71,18 +73,22 @@ FORWARD(plp_status, plp_sim_step, (plp_sim *sim), (sim))
 
 static plp_status (*set_pose)(plp_tool *, const plp_motion *);
 static plp_status (*get_force)(plp_tool *, plp_force *);
+static plp_status (*exchange)(plp_tool *, const plp_haptic_state *, plp_servo *);
 
-static plp_tool *tool;
+static plp_tool *tool, *held;
 static atomic_int done;
 
 /* One life of a servo thread: every @rt function, with good and with bad arguments. */
 static void *servo(void *unused) {
     plp_motion good = plp_motion_at(0.02, 0.02, 0.046), bad = good, far = good;
     plp_force force;
-    int answers[8];
+    plp_haptic_state hand = {good, 0.0, 0, 0}, lost = hand;
+    plp_servo servo;
+    int answers[11];
     (void)unused;
     bad.pose.rotation[3] = 0.0;
     far.pose.position_m[0] = 1e9;
+    lost.motion.pose.position_m[1] = NAN;
 
     armed = 1;
     for (int i = 0; i < 2000; ++i) {
@@ -95,6 +101,11 @@ static void *servo(void *unused) {
         answers[5] = get_force(tool, NULL);
         answers[6] = get_force(NULL, &force);
         answers[7] = set_pose(tool, &far);
+        hand.motion = good;
+        hand.stamp_s = lost.stamp_s = 1e-3 * i;
+        answers[8] = exchange(held, i % 100 ? &hand : &lost, &servo);
+        answers[9] = exchange(tool, &hand, &servo);
+        answers[10] = exchange(held, NULL, &servo);
     }
     armed = 0;
 
@@ -103,6 +114,7 @@ static void *servo(void *unused) {
     for (int i = 3; i < 7; ++i) {
         CHECK(answers[i] == PLP_ERR_NULL);
     }
+    CHECK(answers[8] == PLP_OK && answers[9] == PLP_ERR_STATE && answers[10] == PLP_ERR_NULL);
     return NULL;
 }
 
@@ -124,6 +136,7 @@ int main(int argc, char **argv) {
     }
     *(void **)&set_pose = FIND(plp_tool_set_pose);
     *(void **)&get_force = FIND(plp_tool_get_force);
+    *(void **)&exchange = FIND(plp_tool_exchange);
 
     /* The counter counts. */
     int before = atomic_load(&allocations);
@@ -138,6 +151,7 @@ int main(int argc, char **argv) {
     plp_sim *sim = simulation(model);
     CHECK(atomic_load(&seen) > 100); /* and the library allocates through it */
     tool = ball(sim);
+    held = held_ball(sim);
     pthread_t thread;
     CHECK(pthread_create(&thread, NULL, servos, NULL) == 0);
     do {

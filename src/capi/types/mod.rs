@@ -18,13 +18,17 @@ use std::mem::offset_of;
 use super::boundary::Output;
 
 mod device;
+mod drive;
 mod model;
+mod servo;
 mod sim;
 mod surface;
 mod tool;
 
 pub use self::device::*;
+pub use self::drive::*;
 pub use self::model::*;
+pub use self::servo::*;
 pub use self::sim::*;
 pub use self::surface::*;
 pub use self::tool::*;

@@ -191,12 +191,18 @@ pub struct plp_statistics {
     pub bytes_to_device: u64,
     /// Bytes copied from the GPU to the host since creation, what it reports of each step included; 0 on the processor.
     pub bytes_to_host: u64,
+    /// Steps of the simulation's own thread that ended after the next one was due.
+    pub overrun_count: u64,
+    /// Wall-clock time that this thread has let go because it fell too far behind, in seconds.
+    pub dropped_s: f64,
+    /// Events that found no room because nobody read them.
+    pub dropped_event_count: u64,
 }
 
 // SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
 unsafe impl Output for plp_statistics {
     const NAME: &'static str = "plp_statistics";
-    const FIRST_SIZE: usize = offset_of!(Self, bytes_to_host) + size_of::<u64>();
+    const FIRST_SIZE: usize = offset_of!(Self, dropped_event_count) + size_of::<u64>();
 }
 
 /// Buckets of plp_latency.

@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 
 use super::super::boundary::Desc;
-use super::plp_pose;
+use super::{plp_haptic_desc, plp_pose};
 
 /// A ball of radius_m.
 pub const PLP_SHAPE_SPHERE: u32 = 0;
@@ -44,14 +44,22 @@ pub struct plp_tool_desc {
     pub parts: *const plp_tool_part,
     /// Coulomb friction coefficient between tool and tissue, 0 to 100 (default 0).
     pub friction: f64,
+    /// The haptic device that holds the tool, for plp_tool_exchange; NULL (default) where none does. @nullable
+    pub haptic: *const plp_haptic_desc,
 }
 
-// SAFETY: repr(C), two integers, a raw pointer, a double.
+// SAFETY: repr(C), two integers, raw pointers, a double.
 unsafe impl Desc for plp_tool_desc {
     const NAME: &'static str = "plp_tool_desc";
-    const FIRST_SIZE: usize = offset_of!(Self, friction) + size_of::<f64>();
+    const FIRST_SIZE: usize = offset_of!(Self, haptic) + size_of::<*const plp_haptic_desc>();
     fn with_defaults() -> Self {
-        Self { struct_size: size_of::<Self>() as u32, part_count: 0, parts: std::ptr::null(), friction: 0.0 }
+        Self {
+            struct_size: size_of::<Self>() as u32,
+            part_count: 0,
+            parts: std::ptr::null(),
+            friction: 0.0,
+            haptic: std::ptr::null(),
+        }
     }
 }
 

@@ -1,0 +1,64 @@
+//! What a simulation tells its owner unasked.
+
+use super::ToolId;
+use crate::channel::ring::Producer;
+
+/// Events that wait to be read.
+pub(super) const EVENTS: usize = 256;
+
+/// Something that happened while the simulation ran.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The state stopped being finite; see [`Error::Diverged`](crate::error::Error::Diverged).
+    Diverged {
+        /// Simulated time, in seconds.
+        time_s: f64,
+    },
+    /// The GPU was lost.
+    DeviceLost {
+        /// Simulated time, in seconds.
+        time_s: f64,
+    },
+    /// The simulation's own thread fell so far behind the clock that it let time go.
+    FellBehind {
+        /// Simulated time, in seconds.
+        time_s: f64,
+        /// How much time was let go, in seconds.
+        dropped_s: f64,
+    },
+    /// The servo of a device has not been heard of for a while: the tool stands where it was.
+    ServoSilent {
+        /// Simulated time, in seconds.
+        time_s: f64,
+        /// Its tool.
+        tool: ToolId,
+    },
+    /// The buttons of a device have changed.
+    Buttons {
+        /// Simulated time, in seconds.
+        time_s: f64,
+        /// Its tool.
+        tool: ToolId,
+        /// All buttons now, a bit each.
+        buttons: u32,
+    },
+}
+
+/// Where a simulation puts its events.
+#[derive(Debug)]
+pub(super) struct Events {
+    ring: Producer<Event>,
+    /// Those that found no room.
+    pub dropped: u64,
+}
+
+impl Events {
+    pub fn new(ring: Producer<Event>) -> Self {
+        Self { ring, dropped: 0 }
+    }
+
+    /// Tells an event, or counts it where nobody has read the others.
+    pub fn tell(&mut self, event: Event) {
+        self.dropped += u64::from(self.ring.push(event).is_err());
+    }
+}

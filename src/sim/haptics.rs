@@ -1,0 +1,95 @@
+//! What the simulation tells the servo of a device about its tool's contact.
+
+use std::time::Instant;
+
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::servo::ServoOptions;
+use crate::servo::contact_model::ContactModel;
+use crate::servo::device::DeviceDesc;
+use crate::servo::patch::Patch;
+use crate::servo::stiffness::StiffnessEstimator;
+use crate::solver::tool::{Contact, ToolForce};
+
+use super::tool_port::Asked;
+
+/// A servo that has said nothing for so long is taken for gone, in s: a hundred ticks of a slow one.
+const SILENCE_S: f64 = 0.2;
+
+/// Makes the contact models of one tool.
+#[derive(Debug)]
+pub(super) struct Haptics {
+    estimator: StiffnessEstimator,
+    /// Counts models over resets: one that begins anew would be taken for an old one.
+    sequence: u64,
+    solved_at: Option<Instant>,
+    heard_at: Option<Instant>,
+    is_silent: bool,
+    buttons: u32,
+}
+
+impl Haptics {
+    /// For a tool in a model.
+    pub fn new(device: &DeviceDesc, options: &ServoOptions, model: &Model) -> Self {
+        let relaxation_s = model.materials().iter().map(|material| material.damping_s).fold(0.0, f64::max);
+        Self {
+            estimator: StiffnessEstimator::new(&options.coupling.limits(device), relaxation_s),
+            sequence: 0,
+            solved_at: None,
+            heard_at: None,
+            is_silent: false,
+            buttons: 0,
+        }
+    }
+
+    /// The model after a step that took `duration` of simulated time and ended `now`. `contacts` are the tool's, world frame.
+    pub fn model(
+        &mut self,
+        asked: &Asked,
+        felt: &ToolForce,
+        contacts: &[Contact],
+        friction: f64,
+        duration: f64,
+        now: Instant,
+        of: &Model,
+    ) -> ContactModel {
+        let elasticity = |material: u8| {
+            let found = usize::from(material).checked_sub(1).and_then(|index| of.materials().get(index));
+            found.map_or((0.0, 0.25), |material| (material.young_pa, material.poisson))
+        };
+        let patch = Patch::of(contacts, elasticity, friction);
+        let found = self.estimator.update(patch.as_ref(), &asked.motion, &felt.wrench, duration);
+        let since = self.solved_at.replace(now).map(|last| now.duration_since(last).as_secs_f64());
+        self.sequence += 1;
+        ContactModel {
+            wrench: felt.wrench,
+            motion: asked.motion,
+            stiffness: found.stiffness,
+            damping: found.damping,
+            push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
+            time_s: felt.time_s,
+            period_s: since.unwrap_or(duration),
+            stamp_s: asked.stamp_s,
+            sequence: self.sequence,
+        }
+    }
+
+    /// Nothing is touched any more.
+    pub fn release(&mut self, motion: &crate::solver::tool::ToolMotion) -> ContactModel {
+        self.estimator.reset();
+        self.sequence += 1;
+        ContactModel { motion: *motion, sequence: self.sequence, ..ContactModel::none() }
+    }
+
+    /// Listens to the servo at a step: whether it has just fallen silent, and buttons that have changed.
+    pub fn listen(&mut self, is_news: bool, buttons: u32, now: Instant) -> (bool, Option<u32>) {
+        if is_news || self.heard_at.is_none() {
+            self.heard_at = Some(now);
+        }
+        let silence = self.heard_at.map_or(0.0, |heard| now.duration_since(heard).as_secs_f64());
+        let fell_silent = silence > SILENCE_S && !self.is_silent;
+        self.is_silent = silence > SILENCE_S;
+        let changed = buttons != std::mem::replace(&mut self.buttons, buttons);
+        (fell_silent, changed.then_some(buttons))
+    }
+}

@@ -10,7 +10,7 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 18] = [
+const SOURCES: [&str; 19] = [
     "version",
     "status",
     "types/mod",
@@ -26,6 +26,7 @@ const SOURCES: [&str; 18] = [
     "device",
     "sim",
     "drive",
+    "change",
     "statistics",
     "tool",
     "surface",

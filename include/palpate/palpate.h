@@ -1205,6 +1205,30 @@ plp_status plp_sim_poll_event(plp_sim *sim,
                               plp_event *event,
                               uint32_t event_size);
 
+/// Gives a material of the model, by its index from 1 (as in vertex streams and contacts), other properties, in this simulation alone and from the next
+/// step on. Rigid materials stay rigid: PLP_ERR_ARGUMENT. The stable step follows at once, from a bound; it may be shorter than that of a model built so.
+///
+/// @thread owner
+plp_status plp_sim_set_material(plp_sim *sim,
+                                uint32_t material_index,
+                                const plp_material *properties);
+
+/// Holds the nodes whose rest positions lie in a box where they are now, along some axes, in this simulation alone. How many were not held so before goes to
+/// node_count (@nullable node_count).
+///
+/// @thread owner
+plp_status plp_sim_fix(plp_sim *sim,
+                       const plp_fix *fix,
+                       uint64_t *node_count);
+
+/// Frees the nodes whose rest positions lie in a box along some axes, also what the model holds, but for rigid regions. How many were held goes to
+/// node_count (@nullable node_count).
+///
+/// @thread owner
+plp_status plp_sim_free(plp_sim *sim,
+                        const plp_fix *fix,
+                        uint64_t *node_count);
+
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///
 /// @thread owner

@@ -5,11 +5,12 @@ use nalgebra as na;
 use super::boundary::{fill_text, read_text};
 use super::status::{Fault, PLP_ERR_UNSUPPORTED};
 use super::types::{
-    PLP_BACKEND_AUTO, PLP_BACKEND_CPU, PLP_BACKEND_CUDA, PLP_COUPLING_DIRECT, PLP_COUPLING_VIRTUAL,
-    PLP_HAPTIC_BALL, PLP_HAPTIC_PASSIVE, plp_box, plp_haptic_desc, plp_material, plp_motion, plp_place,
-    plp_pose,
+    PLP_AXIS_ALL, PLP_BACKEND_AUTO, PLP_BACKEND_CPU, PLP_BACKEND_CUDA, PLP_COUPLING_DIRECT,
+    PLP_COUPLING_VIRTUAL, PLP_HAPTIC_BALL, PLP_HAPTIC_PASSIVE, plp_box, plp_fix, plp_haptic_desc,
+    plp_material, plp_motion, plp_place, plp_pose,
 };
 use crate::math::{Pose, Quat, Vec3};
+use crate::model::Fix;
 use crate::model::material::Material;
 use crate::servo::ServoOptions;
 use crate::servo::coupling::{Coupling, VirtualCoupling};
@@ -77,6 +78,14 @@ pub(super) fn oriented_box(from: &plp_box, what: &str) -> Result<(Pose, Vec3), F
         )));
     }
     Ok((pose(&from.pose, what)?, from.half_extents_m.into()))
+}
+
+/// Nodes that are held.
+pub(super) fn fix_of(from: &plp_fix, what: &str) -> Result<Fix, Fault> {
+    check_bits(from.axes, PLP_AXIS_ALL, &format!("{what}.axes"))?;
+    check_bits(from.reserved, 0, &format!("{what}.reserved"))?;
+    let (pose, half_extents) = oriented_box(&from.region, what)?;
+    Ok(Fix { pose, half_extents, axes: std::array::from_fn(|axis| from.axes >> axis & 1 == 1) })
 }
 
 /// A finite vector.

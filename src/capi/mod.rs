@@ -19,6 +19,7 @@
 #![allow(clippy::missing_safety_doc)]
 
 mod boundary;
+pub mod change;
 mod convert;
 pub mod device;
 pub mod drive;

@@ -11,7 +11,7 @@ use nalgebra as na;
 use super::boundary::{
     boundary, check_out, check_output, init_desc, read_array, read_desc, read_list, read_str, write_output,
 };
-use super::convert::{check_bits, material, material_out, oriented_box, pose, pose_out};
+use super::convert::{check_bits, fix_of, material, material_out, pose, pose_out};
 use super::handle::{self, Handle};
 use super::status::{Fault, PLP_OK, plp_status};
 use super::types::*;
@@ -390,16 +390,7 @@ unsafe fn uses(desc: &plp_model_desc) -> Result<BTreeMap<u16, LabelUse>, Fault> 
 unsafe fn fixes(desc: &plp_model_desc) -> Result<Vec<Fix>, Fault> {
     // SAFETY: promised by the caller.
     let list = unsafe { read_list(desc.fixes, desc.fix_count as usize, "fixes") }?;
-    list.iter()
-        .enumerate()
-        .map(|(i, fix)| {
-            let what = format!("fixes[{i}]");
-            check_bits(fix.axes, PLP_AXIS_ALL, &format!("{what}.axes"))?;
-            check_bits(fix.reserved, 0, &format!("{what}.reserved"))?;
-            let (pose, half_extents) = oriented_box(&fix.region, &what)?;
-            Ok(Fix { pose, half_extents, axes: std::array::from_fn(|axis| fix.axes >> axis & 1 == 1) })
-        })
-        .collect()
+    list.iter().enumerate().map(|(i, fix)| fix_of(fix, &format!("fixes[{i}]"))).collect()
 }
 
 /// # Safety

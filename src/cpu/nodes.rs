@@ -92,6 +92,13 @@ impl<R: Real> Nodes<R> {
         Self { u: zeros(), u_next: zeros(), v: zeros(), v_next: damped.then(zeros) }
     }
 
+    /// Where springs are damped, those of the last substep are kept while new ones are written.
+    pub fn keep_velocities(&mut self, damped: bool) {
+        if damped && self.v_next.is_none() {
+            self.v_next = Some(self.v.clone());
+        }
+    }
+
     /// What was written becomes current.
     pub fn swap(&mut self) {
         std::mem::swap(&mut self.u, &mut self.u_next);

@@ -18,6 +18,7 @@ use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::model::law::CellLaw;
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -220,6 +221,31 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
 
     fn wake(&mut self) {
         self.core.sleep.wake_all(&self.core.bricks);
+    }
+
+    fn set_laws(&mut self, laws: &[CellLaw; 16], stable_dt: f64) -> Result<()> {
+        let core = &mut self.core;
+        core.tables = LawTables::new(laws, core.bricks.model.lattice().cell_m());
+        core.corner_kg = std::array::from_fn(|material| laws[material].corner_kg);
+        core.kernel = R::kernel(&core.tables);
+        core.nodes.keep_velocities(core.tables.damped);
+        core.stable_dt = stable_dt;
+        self.wake();
+        Ok(())
+    }
+
+    fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()> {
+        let core = &mut self.core;
+        for &(slot, flags) in changed {
+            core.flags[slot as usize] = flags;
+            let v = core.nodes.v.vec3(slot);
+            let kept =
+                Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { v[axis] } else { 0.0 });
+            core.nodes.v.set(slot, kept);
+        }
+        core.stable_dt = stable_dt;
+        self.wake();
+        Ok(())
     }
 
     fn reset(&mut self) {

@@ -3,6 +3,7 @@
 //! Nothing links CUDA. The driver is looked for when the first simulation asks for a GPU; that there is none is a normal answer. The
 //! kernels lie in the library as machine code for common GPUs and as PTX for the rest and for older drivers, see `kernels/`.
 
+mod body;
 mod contact;
 pub mod device;
 mod driver;

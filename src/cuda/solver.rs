@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
+use super::body::Body;
 use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
@@ -25,6 +26,7 @@ use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
@@ -49,6 +51,7 @@ pub struct CudaSolver {
     model: Arc<Model>,
     stream: Arc<Stream>,
     kernels: Kernels,
+    body: Body,
     state: State,
     step: Pinned<Step>,
     report: Pinned<Report>,
@@ -171,6 +174,16 @@ impl State {
         }
     }
 
+    /// Where springs are damped, velocities of the last substep are kept while new ones are written. Both are the current ones.
+    fn keep_velocities(&mut self, damped: bool, stream: &Arc<Stream>) -> Result<()> {
+        if damped && self.v.len() == 1 {
+            let mut all = vec![0.0; (self.bricks as usize + 1) * 3 * BRICK_SLOTS];
+            self.v[0].read(0, &mut all)?;
+            self.v.push(Buffer::of(stream, &all)?);
+        }
+        Ok(())
+    }
+
     /// The current velocities.
     fn velocities(&self) -> &Buffer<f32> {
         &self.v[self.current % self.v.len()]
@@ -187,11 +200,9 @@ impl CudaSolver {
     pub fn new(model: &Arc<Model>, device: Arc<Device>) -> Result<Self> {
         let stream = Arc::new(Stream::new(device)?);
         let laws = model.laws();
-        let kernels = Kernels::load(
-            &stream.device,
-            laws.iter().any(|law| law.volume_n > 0.0),
-            laws.iter().any(|law| law.damping_s > 0.0),
-        )?;
+        let body = Body::of(model);
+        let (volumetric, damped) = body.asks_for();
+        let kernels = Kernels::load(&stream.device, volumetric, damped)?;
         let mut solver = Self {
             state: State::new(model, &stream)?,
             step: Pinned::new(&stream)?,
@@ -213,6 +224,7 @@ impl CudaSolver {
             mirror: RefCell::new(None),
             lost: RefCell::new(None),
             model: model.clone(),
+            body,
             kernels,
             stream,
         };
@@ -458,6 +470,15 @@ impl CudaSolver {
         surface.publish(&self.kernels, &self.stream, &self.pass(self.state.current, 1, false), field, arrays)
     }
 
+    /// Materials or what is held have changed: what was made of them before is made anew.
+    fn change(&mut self, stable_dt: f64) -> Result<()> {
+        self.stable_dt = stable_dt;
+        self.outside.forget_loads();
+        self.contact.lose_track();
+        self.mirror.replace(None);
+        self.sleep.wake_all()
+    }
+
     /// The nodes as they are now.
     fn look<T>(&self, see: impl FnOnce(&Mirror) -> T) -> T {
         let mut mirror = self.mirror.borrow_mut();
@@ -486,7 +507,7 @@ impl Solver for CudaSolver {
         self.mirror.replace(None);
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
-        let outside = self.outside.prepare(plan)?;
+        let outside = self.outside.prepare(plan, &self.body)?;
         let fall = 0.5 * (plan.gravity.norm() + outside.acceleration) * duration * duration;
         let way = self.speed * duration + fall + outside.way;
         let is_at_rest = self.vis_viva == 0.0;
@@ -622,6 +643,30 @@ impl Solver for CudaSolver {
         self.outside.forget_loads();
         let woken = self.sleep.wake_all();
         self.or_lost(woken);
+    }
+
+    fn set_laws(&mut self, laws: &[CellLaw; 16], stable_dt: f64) -> Result<()> {
+        let asked = self.body.asks_for();
+        self.body.laws = *laws;
+        self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
+        let (volumetric, damped) = self.body.asks_for();
+        if (volumetric, damped) != asked {
+            // Recorded steps name the kernels, and are done.
+            self.graphs.clear();
+            self.kernels = Kernels::load(&self.stream.device, volumetric, damped)?;
+            self.state.keep_velocities(damped, &self.stream)?;
+        }
+        self.change(stable_dt)
+    }
+
+    fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()> {
+        for &(slot, flags) in changed {
+            self.body.flags[slot as usize] = flags;
+        }
+        if !changed.is_empty() {
+            self.state.flags.write(0, &self.body.flags)?;
+        }
+        self.change(stable_dt)
     }
 
     fn reset(&mut self) {

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::fix::Fix;
 use super::grid::{LabelGrid, ResampleRule};
 use super::lattice::{Lattice, flag};
 use super::law::CellLaw;
@@ -10,7 +11,7 @@ use super::mesh::TriangleMesh;
 use super::pieces::loose_pieces;
 use super::surface::Surface;
 use crate::error::{Error, Result};
-use crate::math::{Pose, Vec3};
+use crate::math::Pose;
 
 /// Most cells of a model's bounding grid, empty ones included: some gigabytes of state.
 pub const MAX_CELLS: usize = 1 << 27;
@@ -24,17 +25,6 @@ pub enum LabelUse {
     Tissue(Material),
     /// A rigid region, such as a bone: held in place until the host drives it. The material serves pictures and contact lists.
     Rigid(Material),
-}
-
-/// Nodes that are held: those whose rest position lies in an oriented box.
-#[derive(Clone, Debug)]
-pub struct Fix {
-    /// The box's centre and axes, world frame.
-    pub pose: Pose,
-    /// Half its edge lengths in metres.
-    pub half_extents: Vec3,
-    /// Which axes of the **model frame** are held there.
-    pub axes: [bool; 3],
 }
 
 /// Where a surface comes from.
@@ -317,30 +307,8 @@ impl Build {
 
     fn hold_boxes(&self, lattice: &mut Lattice, frame: &Pose) -> Result<()> {
         for fix in &self.fixes {
-            let good = fix.half_extents.iter().all(|x| *x >= 0.0)
-                && fix.pose.to_homogeneous().iter().all(|x| x.is_finite());
-            if !good {
-                return Err(Error::argument(
-                    "a box of held nodes needs a finite pose and half extents of at least 0",
-                ));
-            }
-            if fix.axes == [false; 3] {
-                return Err(Error::argument("a box of held nodes must hold at least one axis"));
-            }
-            let to_box = fix.pose.inverse() * frame;
-            let bits = (0..3).filter(|&a| fix.axes[a]).fold(0, |bits, a| bits | flag::FIX_X << a);
-            // A node on the border is inside, whatever rounding says.
-            let reach = fix.half_extents + Vec3::repeat(1e-6 * lattice.cell_m());
-            let mut holds_any = false;
-            for slot in 0..lattice.slot_count() as u32 {
-                let p = to_box.transform_point(&lattice.rest_position(slot).into()).coords;
-                if (0..3).all(|a| p[a].abs() <= reach[a]) {
-                    lattice.flags[slot as usize] |= bits;
-                    holds_any |= lattice.words[slot as usize] != 0;
-                }
-            }
-            if !holds_any {
-                return Err(Error::argument("a box of held nodes holds no node of the tissue"));
+            for slot in fix.slots(lattice, frame)? {
+                lattice.flags[slot as usize] |= fix.bits();
             }
         }
         Ok(())

@@ -4,6 +4,7 @@ pub mod binding;
 pub mod build;
 pub mod energy;
 pub mod extract;
+mod fix;
 pub mod grid;
 pub mod import;
 pub mod intensity;
@@ -17,4 +18,5 @@ mod placement;
 mod resample;
 pub mod surface;
 
-pub use build::{Build, Fix, LabelUse, Model, SurfaceSource};
+pub use build::{Build, LabelUse, Model, SurfaceSource};
+pub use fix::Fix;

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use crate::math::Vec3;
 use crate::model::Model;
+use crate::model::material::Material;
 use crate::servo::ServoOptions;
 use crate::servo::contact_model::ContactModel;
 use crate::servo::device::DeviceDesc;
@@ -51,10 +52,10 @@ impl Haptics {
         friction: f64,
         duration: f64,
         now: Instant,
-        of: &Model,
+        materials: &[Material],
     ) -> ContactModel {
         let elasticity = |material: u8| {
-            let found = usize::from(material).checked_sub(1).and_then(|index| of.materials().get(index));
+            let found = usize::from(material).checked_sub(1).and_then(|index| materials.get(index));
             found.map_or((0.0, 0.25), |material| (material.young_pa, material.poisson))
         };
         let patch = Patch::of(contacts, elasticity, friction);

@@ -4,6 +4,7 @@
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 
 mod backend;
+mod body;
 mod drive;
 mod event;
 mod haptics;
@@ -33,7 +34,8 @@ use self::state::State;
 use crate::channel::ring::{Consumer, ring};
 use crate::error::{Error, Result};
 use crate::math::{FAR_M, Pose, Vec3};
-use crate::model::Model;
+use crate::model::material::Material;
+use crate::model::{Fix, Model};
 use crate::servo::ServoOptions;
 use crate::servo::device::DeviceDesc;
 use crate::solver::load::Load;
@@ -287,6 +289,23 @@ impl Sim {
         check_gravity(gravity_m_s2)?;
         self.with(|state| state.set_gravity(gravity_m_s2));
         Ok(())
+    }
+
+    /// Gives a material of the model, by its index from 1, other properties, in this simulation alone and from the next step on. Rigid materials stay rigid.
+    ///
+    /// The stable step follows from a bound and may then be shorter than a model built so would have: no frequency is searched for while tissue moves.
+    pub fn set_material(&mut self, index: u8, material: &Material) -> Result<()> {
+        self.with(|state| state.set_material(index, material))
+    }
+
+    /// Holds nodes where they are, in this simulation alone. Gives how many were not held so before.
+    pub fn fix(&mut self, fix: &Fix) -> Result<usize> {
+        self.with(|state| state.set_held(fix, true))
+    }
+
+    /// Frees nodes, also of what the model holds, but for rigid regions. Gives how many were held.
+    pub fn free(&mut self, fix: &Fix) -> Result<usize> {
+        self.with(|state| state.set_held(fix, false))
     }
 
     /// Adds a load that acts until it is removed.

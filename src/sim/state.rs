@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::body::Body;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -13,7 +14,8 @@ use crate::cpu::stability::strain_factor;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
-use crate::model::{Model, energy};
+use crate::model::material::Material;
+use crate::model::{Fix, Model, energy};
 use crate::servo::contact_model::ContactModel;
 use crate::servo::device::DeviceDesc;
 use crate::servo::{Servo, ServoOptions};
@@ -47,7 +49,7 @@ pub(super) struct State {
     /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
     regions: BTreeMap<u16, (Pose, Pose)>,
     next_id: u64,
-    poisson: f64,
+    body: Body,
     report: StepReport,
     statistics: Statistics,
     pub latency: Latency,
@@ -68,7 +70,7 @@ pub(super) struct State {
 impl State {
     pub fn new(model: Arc<Model>, desc: SimDesc, solver: Box<dyn Solver>, events: Events) -> Result<Self> {
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
-        let poisson = model.materials().iter().map(|m| m.poisson).fold(0.25, f64::max);
+        let body = Body::new(&model, solver.stable_dt());
         let mut state = Self {
             statistics: Statistics {
                 stable_substep_s: solver.stable_dt(),
@@ -85,7 +87,7 @@ impl State {
             loads: Vec::new(),
             regions: BTreeMap::new(),
             next_id: 1,
-            poisson,
+            body,
             report: StepReport::default(),
             latency: Latency::default(),
             tool_work_j: 0.0,
@@ -231,6 +233,26 @@ impl State {
         self.solver.wake();
     }
 
+    /// Gives a material index other properties.
+    pub fn set_material(&mut self, index: u8, material: &Material) -> Result<()> {
+        self.check()?;
+        self.body.set_material(&self.model, index, material)?;
+        let changed = self.solver.set_laws(&self.body.laws, self.body.stable_dt);
+        self.heed(changed)?;
+        self.statistics.stable_substep_s = self.body.stable_dt;
+        Ok(())
+    }
+
+    /// Holds or frees nodes; gives how many that changed.
+    pub fn set_held(&mut self, fix: &Fix, is_held: bool) -> Result<usize> {
+        self.check()?;
+        let changed = self.body.set_held(&self.model, fix, is_held)?;
+        let answer = self.solver.set_flags(&changed, self.body.stable_dt);
+        self.heed(answer)?;
+        self.statistics.stable_substep_s = self.body.stable_dt;
+        Ok(changed.len())
+    }
+
     pub fn add_load(&mut self, loads: NodalLoads) -> LoadId {
         let id = self.fresh_id();
         self.load_ids.push(LoadId(id));
@@ -285,7 +307,7 @@ impl State {
 
     pub fn energy(&mut self) -> Energy {
         let lattice = self.model.lattice();
-        let laws = self.model.laws();
+        let laws = &self.body.laws;
         let half = 0.5 * self.statistics.substep_s;
         let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
@@ -293,7 +315,7 @@ impl State {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
             // Velocities lag by half a substep; at the time of the displacements they are this.
             let v = self.solver.velocity(slot);
-            let flags = lattice.flags()[slot as usize];
+            let flags = self.body.flags[slot as usize];
             let a = accelerations[slot as usize] + gravity;
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
@@ -349,7 +371,7 @@ impl State {
     }
 
     fn substeps_needed(&self) -> f64 {
-        let factor = strain_factor(self.report.strain + STRAIN_AHEAD, self.poisson).max(0.1);
+        let factor = strain_factor(self.report.strain + STRAIN_AHEAD, self.body.poisson()).max(0.1);
         (self.desc.step_s / (SAFETY * factor * self.solver.stable_dt())).ceil().max(1.0)
     }
 
@@ -463,7 +485,8 @@ impl State {
                 }
             });
             let friction = tool.desc.friction;
-            let model = haptics.model(&asked, &force, touched, friction, duration, now, &self.model);
+            let materials = &self.body.materials;
+            let model = haptics.model(&asked, &force, touched, friction, duration, now, materials);
             tool.felt.publish(Felt { force, model });
         }
         self.check()

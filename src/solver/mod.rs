@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
+use crate::model::law::CellLaw;
 use load::NodalLoads;
 use statistics::Copied;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
@@ -161,6 +162,13 @@ pub trait Solver: Send + std::fmt::Debug {
 
     /// Wakes everything: gravity, loads or boundaries changed. Plans hold other loads than the last one did only after this.
     fn wake(&mut self);
+
+    /// Replaces what cells of each material contribute `[16]`, and with it the largest substep that is stable at rest. Fails when the device is lost, or has
+    /// no room.
+    fn set_laws(&mut self, laws: &[CellLaw; 16], stable_dt: f64) -> Result<()>;
+
+    /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
+    fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Back to rest.
     fn reset(&mut self);

@@ -396,6 +396,25 @@ static void simulations(void) {
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_add_load(sim, &load, &id));
     CHECK(id == 77);
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_remove_load(sim, 0));
+    plp_material other = {5e3, 0.4, 1000.0, 0.0, "other"}, absurd = {5e3, 0.6, 1000.0, 0.0, "absurd"};
+    plp_fix held = {{plp_pose_at(0.0, 0.0, 0.0), {1.0, 1.0, 0.001}}, PLP_AXIS_ALL, 0}, nowhere = held, nothing = held;
+    uint64_t changed = 77;
+    ANSWERS(PLP_ERR_NULL, plp_sim_set_material(sim, 1, NULL));
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_set_material(sim, 0, &other));
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_set_material(sim, 1000, &other));
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_set_material(sim, 1, &absurd));
+    nowhere.region.pose.position_m[0] = 100.0;
+    nothing.axes = 0;
+    ANSWERS(PLP_ERR_NULL, plp_sim_fix(sim, NULL, &changed));
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_fix(sim, &nowhere, &changed));
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_free(sim, &nothing, &changed));
+    CHECK(changed == 77);
+    plp_event event;
+    ANSWERS(PLP_ERR_STRUCT_SIZE, plp_sim_poll_event(sim, &event, 3));
+    ANSWERS(PLP_NOTHING, plp_sim_poll_event(sim, &event, sizeof event));
+    plp_thread_desc lagging = plp_thread_desc_default();
+    lagging.longest_lag_s = NAN;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_start(sim, &lagging));
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_remove_load(sim, 12345));
 
     plp_pose pose = plp_pose_at(0, 0, 0);

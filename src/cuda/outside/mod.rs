@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
 
+use super::body::Body;
 use super::kernels::Kernels;
 use super::layout::{self, Pass};
 use super::memory::Stream;
@@ -55,8 +56,8 @@ impl Outside {
     }
 
     /// Brings to the device what a step needs and it does not have. The last step must have been reported.
-    pub fn prepare(&mut self, plan: &StepPlan) -> Result<Prepared> {
-        let (push, acceleration) = self.pushes.prepare(plan.loads)?;
+    pub fn prepare(&mut self, plan: &StepPlan, body: &Body) -> Result<Prepared> {
+        let (push, acceleration) = self.pushes.prepare(plan.loads, body)?;
         let (drive, way) = self.drives.prepare(plan)?;
         Ok(Prepared { plan: Plan { push, drive, settles: plan.kinetic_damping }, acceleration, way })
     }

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::cuda::body::Body;
 use crate::cuda::layout::{self, Pressed, Pushed};
 use crate::cuda::memory::{Buffer, Stream};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::lattice::flag;
+use crate::model::lattice::{Lattice, flag};
 use crate::solver::load::NodalLoads;
 
 /// Loads as the device knows them.
@@ -51,9 +52,9 @@ impl Pushes {
     }
 
     /// The device's record of the loads in force, and how much they accelerate a node at most, in m/s².
-    pub fn prepare(&mut self, loads: &[NodalLoads]) -> Result<(layout::Push, f64)> {
+    pub fn prepare(&mut self, loads: &[NodalLoads], body: &Body) -> Result<(layout::Push, f64)> {
         if !self.are_known {
-            let list = List::of(loads, &self.model);
+            let list = List::of(loads, self.model.lattice(), body);
             self.nodes.replace(&list.nodes)?;
             self.faces.replace(&list.faces)?;
             (self.count, self.acceleration) = (list.nodes.len() as u32, list.acceleration);
@@ -69,8 +70,7 @@ impl Pushes {
 
 impl List {
     /// Gathers loads in their order, so that sums are always the same.
-    fn of(loads: &[NodalLoads], model: &Model) -> Self {
-        let (lattice, laws) = (model.lattice(), model.laws());
+    fn of(loads: &[NodalLoads], lattice: &Lattice, body: &Body) -> Self {
         let mut gathered: BTreeMap<u32, (Vec3, Vec<Pressed>)> = BTreeMap::new();
         for load in loads {
             for &(slot, force) in &load.forces {
@@ -85,8 +85,8 @@ impl List {
         // A corner's quarter of a face at rest.
         let share = 0.25 * lattice.cell_m() * lattice.cell_m();
         for (slot, (force, pressed)) in gathered {
-            let flags = lattice.flags()[slot as usize];
-            let inverse = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg).recip();
+            let flags = body.flags[slot as usize];
+            let inverse = lattice.node_mass(slot, |m| body.laws[usize::from(m)].corner_kg).recip();
             let mobility =
                 Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { inverse } else { 0.0 });
             let acceleration = force.component_mul(&mobility);
@@ -143,7 +143,7 @@ mod tests {
                 pressed: vec![(face, 16.0)],
             },
         ];
-        let list = List::of(&loads, &model);
+        let list = List::of(&loads, model.lattice(), &Body::of(&model));
         assert!(list.nodes.is_sorted_by_key(|node| node.slot), "each node once");
         assert_eq!(list.nodes.len(), 4);
         let of = |slot: u32| *list.nodes.iter().find(|node| node.slot == slot).unwrap();

@@ -84,14 +84,16 @@ pub unsafe extern "C" fn plp_tool_create(
     })
 }
 
-/// Takes a tool out of its simulation, from the next call of its owner on. NULL is fine.
+/// Takes a tool out of its simulation, from its next step on. NULL is fine.
 ///
 /// @thread port
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plp_tool_destroy(tool: *mut plp_tool) -> plp_status {
     boundary(|| {
         if let Some(body) = handle::destroy(tool).map_err(handle::fault::<plp_tool>)? {
-            body.link.departed.lock().push(body.tag);
+            let ToolBody { port, link, tag } = *body;
+            port.leave();
+            link.departed.lock().push(tag);
         }
         Ok(PLP_OK)
     })

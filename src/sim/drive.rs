@@ -78,10 +78,14 @@ impl Driver {
         });
         let (pace, own) = (Pace::new(step_s, desc.longest_lag_s), control.clone());
         let thread = std::thread::Builder::new().name("palpate".into()).spawn(move || {
-            if let Some(hook) = desc.on_start {
-                hook();
-            }
-            if catch_unwind(AssertUnwindSafe(|| run(&own, &state, pace))).is_err() {
+            let on_start = desc.on_start;
+            let work = AssertUnwindSafe(|| {
+                if let Some(hook) = on_start {
+                    hook();
+                }
+                run(&own, &state, pace);
+            });
+            if catch_unwind(work).is_err() {
                 // Relaxed: nothing else is read on the strength of this.
                 own.has_panicked.store(true, Ordering::Relaxed);
                 // Nobody knows what state it is in, but its tools must let go.
@@ -117,7 +121,9 @@ impl Drop for Driver {
     fn drop(&mut self) {
         *self.control.order.lock() = Order::Stop;
         self.control.changed.notify_all();
-        if let Some(thread) = self.thread.take() {
+        // A host may end the simulation in a hook, on the thread itself, which ends after that.
+        let is_own = |thread: &JoinHandle<()>| thread.thread().id() == std::thread::current().id();
+        if let Some(thread) = self.thread.take().filter(|thread| !is_own(thread)) {
             // One that panicked has said so.
             let _ = thread.join();
         }

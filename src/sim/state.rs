@@ -389,6 +389,10 @@ impl State {
     fn take_motions(&mut self, now: Instant) {
         let to_model = self.model.frame().inverse();
         self.forget_plan();
+        if self.tools.iter().any(ToolEnd::has_left) {
+            self.tools.retain(|tool| !tool.has_left());
+            self.solver.wake();
+        }
         for (index, tool) in self.tools.iter_mut().enumerate() {
             let (newest, is_news) = tool.asked.read();
             let Some(asked) = *newest else { continue };

@@ -21,6 +21,7 @@ pub struct ToolPort {
     servo: Option<Servo>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
+    has_left: Arc<AtomicBool>,
 }
 
 /// What the servo thread asks of the simulation.
@@ -53,6 +54,7 @@ pub(super) struct ToolEnd {
     pub haptics: Option<Haptics>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
+    has_left: Arc<AtomicBool>,
 }
 
 /// Both ends of a new tool.
@@ -73,7 +75,7 @@ pub(super) fn open(
         model: ContactModel::none(),
     });
     let is_running = Arc::new(AtomicBool::new(true));
-    let has_failed = Arc::new(AtomicBool::new(false));
+    let [has_failed, has_left] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
     let end = ToolEnd {
         id,
         desc: Arc::new(desc.clone()),
@@ -83,14 +85,23 @@ pub(super) fn open(
         haptics,
         is_running: is_running.clone(),
         has_failed: has_failed.clone(),
+        has_left: has_left.clone(),
     };
-    (ToolPort { id, asked: asked_writer, felt: felt_reader, servo, is_running, has_failed }, end)
+    let port =
+        ToolPort { id, asked: asked_writer, felt: felt_reader, servo, is_running, has_failed, has_left };
+    (port, end)
 }
 
 impl ToolPort {
     /// Names the tool to its simulation's owner, who must not touch a port that a servo thread is using.
     pub fn id(&self) -> ToolId {
         self.id
+    }
+
+    /// Takes the tool out of its simulation, from its next step on.
+    pub fn leave(self) {
+        // Relaxed: nothing else is read on the strength of this.
+        self.has_left.store(true, Ordering::Relaxed);
     }
 
     /// Says where the tool is. The simulation moves it there over its next step. Wait-free: no lock, allocation or system call, unless
@@ -153,6 +164,12 @@ pub struct Exchange {
 }
 
 impl ToolEnd {
+    /// Whether its port has left.
+    pub(super) fn has_left(&self) -> bool {
+        // Relaxed: as above.
+        self.has_left.load(Ordering::Relaxed)
+    }
+
     /// Lets go: publishes no force, and says whether that is because the simulation failed.
     pub(super) fn release(&mut self, time_s: f64, sequence: u64, has_failed: bool) {
         let motion = self.stands.map_or(ToolMotion::at(Pose::identity()), |asked| asked.motion);

@@ -1229,6 +1229,21 @@ plp_status plp_sim_free(plp_sim *sim,
                         const plp_fix *fix,
                         uint64_t *node_count);
 
+/// Has a tool hold the tissue's nodes that are within reach_m of it now and held by nothing else, besides those that it holds already: they go where it goes,
+/// and it feels what that takes. How many it holds goes to node_count (@nullable node_count). On the processor alone: PLP_ERR_UNSUPPORTED on a GPU. The tool's
+/// thread may be using it meanwhile; plp_sim_reset and plp_tool_destroy let go.
+///
+/// @thread owner
+plp_status plp_sim_grasp(plp_sim *sim,
+                         const plp_tool *tool,
+                         double reach_m,
+                         uint64_t *node_count);
+
+/// Has a tool let go of what it holds. How many nodes that were goes to node_count (@nullable node_count).
+///
+/// @thread owner
+plp_status plp_sim_release(plp_sim *sim, const plp_tool *tool, uint64_t *node_count);
+
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///
 /// @thread owner
@@ -1265,7 +1280,7 @@ plp_status plp_tool_desc_init(plp_tool_desc *desc, uint32_t desc_size);
 /// @thread owner
 plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **tool);
 
-/// Takes a tool out of its simulation, from the next call of its owner on. NULL is fine.
+/// Takes a tool out of its simulation, from its next step on. NULL is fine.
 ///
 /// @thread port
 plp_status plp_tool_destroy(plp_tool *tool);

@@ -61,6 +61,58 @@ pub unsafe extern "C" fn plp_sim_free(
     unsafe { change(sim, fix, node_count, |body, fix| body.sim.free(fix)) }
 }
 
+/// Has a tool hold the tissue's nodes that are within reach_m of it now and held by nothing else, besides those that it holds already: they go where it goes,
+/// and it feels what that takes. How many it holds goes to node_count (@nullable node_count). On the processor alone: PLP_ERR_UNSUPPORTED on a GPU. The tool's
+/// thread may be using it meanwhile; plp_sim_reset and plp_tool_destroy let go.
+///
+/// @thread owner
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_sim_grasp(
+    sim: *mut plp_sim,
+    tool: *const plp_tool,
+    reach_m: f64,
+    node_count: *mut u64,
+) -> plp_status {
+    boundary(|| {
+        with_sim(sim, |body| {
+            let tool = body.tool(tool)?;
+            let count = body.sim.grasp(tool, reach_m)?;
+            // SAFETY: the host passes NULL or room for a count.
+            unsafe { tell(node_count, count) };
+            Ok(PLP_OK)
+        })
+    })
+}
+
+/// Has a tool let go of what it holds. How many nodes that were goes to node_count (@nullable node_count).
+///
+/// @thread owner
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_sim_release(
+    sim: *mut plp_sim,
+    tool: *const plp_tool,
+    node_count: *mut u64,
+) -> plp_status {
+    boundary(|| {
+        with_sim(sim, |body| {
+            let tool = body.tool(tool)?;
+            let count = body.sim.release(tool)?;
+            // SAFETY: the host passes NULL or room for a count.
+            unsafe { tell(node_count, count) };
+            Ok(PLP_OK)
+        })
+    })
+}
+
+/// # Safety
+/// `to` is NULL or room for a count.
+unsafe fn tell(to: *mut u64, count: usize) {
+    if !to.is_null() {
+        // SAFETY: promised by the caller.
+        unsafe { to.write_unaligned(count as u64) };
+    }
+}
+
 /// # Safety
 /// `fix` is NULL or a fix, and `node_count` NULL or room for a count.
 unsafe fn change(
@@ -76,11 +128,9 @@ unsafe fn change(
             }
             // SAFETY: not NULL; promised by the caller.
             let fix = fix_of(&unsafe { fix.read_unaligned() }, "fix")?;
-            let count = act(body, &fix)? as u64;
-            if !node_count.is_null() {
-                // SAFETY: promised by the caller.
-                unsafe { node_count.write_unaligned(count) };
-            }
+            let count = act(body, &fix)?;
+            // SAFETY: promised by the caller.
+            unsafe { tell(node_count, count) };
             Ok(PLP_OK)
         })
     })

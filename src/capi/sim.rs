@@ -104,6 +104,15 @@ impl SimBody {
         (tag, self.link.clone())
     }
 
+    /// A tool of this simulation. Its thread may be inside it.
+    pub fn tool(&self, tool: *const plp_tool) -> Result<ToolId, Fault> {
+        let tag = handle::tag(tool).map_err(handle::fault::<plp_tool>)?;
+        let found = self.tools.iter().find(|(known, _)| *known == tag);
+        found
+            .map(|(_, id)| *id)
+            .ok_or_else(|| Fault::new(PLP_ERR_INVALID_HANDLE, "the plp_tool belongs to another simulation"))
+    }
+
     /// The id by which a host knows a tool; 0 where its handle is gone.
     pub fn id_of(&self, tool: ToolId) -> u64 {
         self.tools.iter().find(|(_, known)| *known == tool).map_or(0, |(tag, _)| *tag)
@@ -428,13 +437,10 @@ pub unsafe extern "C" fn plp_sim_get_contacts(
 ) -> plp_status {
     boundary(|| {
         with_sim(sim, |body| {
-            let tag = handle::tag(tool).map_err(handle::fault::<plp_tool>)?;
-            let tool = body.tools.iter().find(|(known, _)| *known == tag).ok_or_else(|| {
-                Fault::new(PLP_ERR_INVALID_HANDLE, "the plp_tool belongs to another simulation")
-            })?;
+            let tool = body.tool(tool)?;
             let touched: Vec<_> = body
                 .sim
-                .contacts(tool.1)?
+                .contacts(tool)?
                 .iter()
                 .map(|contact| plp_contact {
                     point_m: contact.point_m.into(),

@@ -2,6 +2,7 @@
 
 pub mod contact;
 pub mod denormal;
+mod grasp;
 pub(crate) mod lanes;
 pub mod lattice;
 pub mod nodes;

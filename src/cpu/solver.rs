@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::contact::{ContactNodes, ContactSurface};
+use super::grasp::carry;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
 use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
 use super::sleep::{Sleep, Thresholds};
@@ -248,6 +249,10 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
+    fn can_grasp(&self) -> bool {
+        true
+    }
+
     fn reset(&mut self) {
         let core = &mut self.core;
         core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);
@@ -363,6 +368,11 @@ impl<R: CpuReal> Core<R> {
         for region in plan.regions {
             furthest = furthest.max(self.drive(region, span[1], plan.dt));
         }
+        let model = self.bricks.model.clone();
+        for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
+            let way = carry(tool, span[1], plan.dt, model.lattice(), &self.corner_kg, &mut self.nodes, sum);
+            furthest = furthest.max(way);
+        }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let (marks, bricks) = (&self.marks, &self.bricks);
         let moved = |brick: u32| {
@@ -471,7 +481,9 @@ impl<R: CpuReal> Core<R> {
         let loaded = plan.loads.iter().flat_map(NodalLoads::slots);
         let model = bricks.model.clone();
         let driven = plan.regions.iter().flat_map(|region| model.regions()[&region.label].iter().copied());
-        let touched = contact.touched_bricks().iter().copied().chain(loaded.chain(driven).map(brick_of));
+        let grasped = plan.tools.iter().flat_map(|tool| tool.grasped.iter().map(|(slot, _)| *slot));
+        let acted_on = loaded.chain(driven).chain(grasped).map(brick_of);
+        let touched = contact.touched_bricks().iter().copied().chain(acted_on);
         sleep.update(bricks, marks, touched, |brick| {
             // The other copy must say the same, for nobody writes it now.
             let octets = brick * BRICK_OCTETS..(brick + 1) * BRICK_OCTETS;

@@ -669,6 +669,10 @@ impl Solver for CudaSolver {
         self.change(stable_dt)
     }
 
+    fn can_grasp(&self) -> bool {
+        false
+    }
+
     fn reset(&mut self) {
         let rested = self.rest();
         self.or_lost(rested);

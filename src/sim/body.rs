@@ -77,6 +77,17 @@ impl Body {
         Ok(changed)
     }
 
+    /// Notes nodes as held by a tool, or not any more; gives them with their flags.
+    pub fn set_grasped(&mut self, slots: impl Iterator<Item = u32>, is_held: bool) -> Vec<(u32, u8)> {
+        slots
+            .map(|slot| {
+                let flags = &mut self.flags[slot as usize];
+                *flags = if is_held { *flags | flag::GRASPED } else { *flags & !flag::GRASPED };
+                (slot, *flags)
+            })
+            .collect()
+    }
+
     /// A step that is stable at rest.
     ///
     /// What is held lowers frequencies. Where each cell is at most a times as stiff and at least b times as heavy as in the model, ω² is at most a/b times the

@@ -308,6 +308,20 @@ impl Sim {
         self.with(|state| state.set_held(fix, false))
     }
 
+    /// Has a tool hold the tissue's nodes that are within `reach_m` of it now and not held otherwise, besides those that it holds already. They go where
+    /// it goes, and it feels what that takes. Gives how many it holds. On the processor alone.
+    pub fn grasp(&mut self, tool: ToolId, reach_m: f64) -> Result<usize> {
+        if !(0.0..=1.0).contains(&reach_m) {
+            return Err(Error::argument(format!("a reach of {reach_m} m is not between 0 and 1 m")));
+        }
+        self.with(|state| state.grasp(tool, reach_m))
+    }
+
+    /// Has a tool let go of what it holds. Gives how many nodes that were.
+    pub fn release(&mut self, tool: ToolId) -> Result<usize> {
+        self.with(|state| state.release_tissue(tool))
+    }
+
     /// Adds a load that acts until it is removed.
     pub fn add_load(&mut self, load: &Load) -> Result<LoadId> {
         let nodal = load.resolve(&self.model)?;

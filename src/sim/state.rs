@@ -133,6 +133,7 @@ impl State {
 
     pub fn remove_tool(&mut self, id: ToolId) -> Result<()> {
         let index = self.tool_index(id)?;
+        self.release(index)?;
         self.tools.remove(index);
         self.forget_plan();
         self.solver.wake();
@@ -209,6 +210,10 @@ impl State {
         if self.check().is_err() {
             return;
         }
+        for index in 0..self.tools.len() {
+            // As for a tool that leaves.
+            let _ = self.release(index);
+        }
         self.solver.reset();
         self.diverged_at = None;
         self.report = StepReport::default();
@@ -251,6 +256,51 @@ impl State {
         self.heed(answer)?;
         self.statistics.stable_substep_s = self.body.stable_dt;
         Ok(changed.len())
+    }
+
+    /// Has a tool hold the nodes within `reach_m` of it; gives how many it holds.
+    pub fn grasp(&mut self, id: ToolId, reach_m: f64) -> Result<usize> {
+        self.refuse_if_failed()?;
+        let index = self.tool_index(id)?;
+        if !self.solver.can_grasp() {
+            return Err(Error::Unsupported("tools hold tissue on the processor alone as yet".into()));
+        }
+        let tool = &self.tools[index];
+        let Some(asked) = tool.stands else {
+            return Err(Error::State("the tool stands nowhere: it has not been moved in a step".into()));
+        };
+        let (lattice, pose) = (self.model.lattice(), self.model.frame().inverse() * asked.motion.pose);
+        let place = |slot: u32| {
+            let at = lattice.rest_position(slot) + self.solver.displacement(slot);
+            pose.inverse_transform_point(&at.into()).coords
+        };
+        let is_free = |slot: &u32| self.body.flags[*slot as usize] == 0;
+        let near = lattice.slots().filter(is_free).map(|slot| (slot, place(slot)));
+        let near = near.filter(|(_, place)| tool.desc.distance(*place).distance <= reach_m);
+        let held: Arc<[(u32, Vec3)]> = tool.grasped.iter().copied().chain(near).collect();
+        let changed = self.body.set_grasped(held.iter().map(|(slot, _)| *slot), true);
+        let answer = self.solver.set_flags(&changed, self.body.stable_dt);
+        self.heed(answer)?;
+        let count = held.len();
+        self.tools[index].grasped = held;
+        Ok(count)
+    }
+
+    /// Has a tool let go of what it holds; gives how many nodes that were.
+    pub fn release_tissue(&mut self, id: ToolId) -> Result<usize> {
+        self.check()?;
+        let index = self.tool_index(id)?;
+        self.release(index)
+    }
+
+    fn release(&mut self, index: usize) -> Result<usize> {
+        let held = std::mem::replace(&mut self.tools[index].grasped, Arc::new([]));
+        if held.is_empty() {
+            return Ok(0);
+        }
+        let changed = self.body.set_grasped(held.iter().map(|(slot, _)| *slot), false);
+        let answer = self.solver.set_flags(&changed, self.body.stable_dt);
+        self.heed(answer).map(|()| held.len())
     }
 
     pub fn add_load(&mut self, loads: NodalLoads) -> LoadId {
@@ -389,8 +439,10 @@ impl State {
     fn take_motions(&mut self, now: Instant) {
         let to_model = self.model.frame().inverse();
         self.forget_plan();
-        if self.tools.iter().any(ToolEnd::has_left) {
-            self.tools.retain(|tool| !tool.has_left());
+        while let Some(index) = self.tools.iter().position(ToolEnd::has_left) {
+            // A device that is lost here is found to be so by the step.
+            let _ = self.release(index);
+            self.tools.remove(index);
             self.solver.wake();
         }
         for (index, tool) in self.tools.iter_mut().enumerate() {
@@ -411,7 +463,7 @@ impl State {
             }
             let path = ToolPath { from: to_model * from, to: to_model * asked.motion.pose };
             self.planned.push(index);
-            self.steps.push(ToolStep { desc: tool.desc.clone(), path });
+            self.steps.push(ToolStep { desc: tool.desc.clone(), path, grasped: tool.grasped.clone() });
         }
     }
 

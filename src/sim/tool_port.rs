@@ -7,7 +7,7 @@ use super::ToolId;
 use super::haptics::Haptics;
 use crate::channel::latest::{Reader, Writer, latest};
 use crate::error::Result;
-use crate::math::Pose;
+use crate::math::{Pose, Vec3};
 use crate::servo::contact_model::ContactModel;
 use crate::servo::{DeviceState, Output, Servo, ServoStatistics};
 use crate::solver::tool::{ToolDesc, ToolForce, ToolMotion, Wrench};
@@ -50,6 +50,8 @@ pub(super) struct ToolEnd {
     pub felt: Writer<Felt>,
     /// What is asked of the tool, world frame; `None` before its first motion.
     pub stands: Option<Asked>,
+    /// Nodes that it holds: slots, and where they are in its frame, in m.
+    pub grasped: Arc<[(u32, Vec3)]>,
     /// What a device's servo needs to know; `None` where there is no device.
     pub haptics: Option<Haptics>,
     is_running: Arc<AtomicBool>,
@@ -82,6 +84,7 @@ pub(super) fn open(
         asked,
         felt,
         stands: None,
+        grasped: Arc::new([]),
         haptics,
         is_running: is_running.clone(),
         has_failed: has_failed.clone(),

@@ -43,6 +43,8 @@ pub struct ToolStep {
     pub desc: Arc<ToolDesc>,
     /// Its way.
     pub path: ToolPath,
+    /// Nodes that it holds: slots, and where they are in its frame, in m.
+    pub grasped: Arc<[(u32, Vec3)]>,
 }
 
 /// A rigid region during one step: the transform from its rest place.
@@ -169,6 +171,9 @@ pub trait Solver: Send + std::fmt::Debug {
 
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
+
+    /// Whether tools can hold nodes.
+    fn can_grasp(&self) -> bool;
 
     /// Back to rest.
     fn reset(&mut self);

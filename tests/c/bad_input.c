@@ -409,6 +409,8 @@ static void simulations(void) {
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_fix(sim, &nowhere, &changed));
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_free(sim, &nothing, &changed));
     CHECK(changed == 77);
+    ANSWERS(PLP_ERR_NULL, plp_sim_grasp(sim, NULL, 0.001, &changed));
+    ANSWERS(PLP_ERR_INVALID_HANDLE, plp_sim_release(sim, (plp_tool *)sim, NULL));
     plp_event event;
     ANSWERS(PLP_ERR_STRUCT_SIZE, plp_sim_poll_event(sim, &event, 3));
     ANSWERS(PLP_NOTHING, plp_sim_poll_event(sim, &event, sizeof event));

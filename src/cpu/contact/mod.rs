@@ -436,8 +436,10 @@ impl ContactSurface {
             let inverse_mass =
                 1.0 / model.lattice().node_mass(slot, |material| nodes.corner_kg[usize::from(material)]);
             let flags = nodes.flags[slot as usize];
+            // What a tool holds yields to none.
+            let held = if flags & flag::GRASPED == 0 { flags } else { flag::FIX_ALL };
             let mobility =
-                Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { inverse_mass } else { 0.0 });
+                Vec3::from_fn(|axis, _| if held & (flag::FIX_X << axis) == 0 { inverse_mass } else { 0.0 });
             let velocity = nodes.v.vec3(slot);
             self.nodes.push(TouchedNode { slot, mobility, inverse_mass, velocity, change: Vec3::zeros() });
         }

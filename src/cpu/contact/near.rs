@@ -268,6 +268,7 @@ mod tests {
             }
             let at = |step: i32| Pose::translation(0.012 - 5e-5 * f64::from(step), 0.003, 0.005);
             let tool = ToolStep {
+                grasped: Arc::new([]),
                 desc: Arc::new(ToolDesc::sphere(2e-3)),
                 path: ToolPath { from: at(step), to: at(step + 1) },
             };

@@ -35,13 +35,7 @@ pub fn run(name: SceneName, options: &Options, report: &mut Report) {
 }
 
 /// Builds the scene; of these labels alone where there are any.
-fn prepare(
-    title: &str,
-    path: &Path,
-    cell_m: f64,
-    only: &'static [u16],
-    options: &Options,
-) -> Result<Scene> {
+fn prepare(title: &str, path: &Path, cell_m: f64, only: &'static [u16], options: &Options) -> Result<Scene> {
     let anatomy = Anatomy {
         cell_m,
         only,

@@ -21,10 +21,10 @@ use lattice::baseline::Baseline;
 use lattice::baseline::masses::{Masses, offsets};
 use lattice::baseline::parallel::{NO_MASS, Parallel, STEPS, Sphere, properties, springs_at};
 use lattice::baseline::serial::{STRETCH, Serial};
+use lattice::common::place::Place;
 use lattice::ellipsoid;
 use lattice::options::{Options, SceneName};
 use lattice::pace::Pace;
-use lattice::place::Place;
 
 /// Cells of a block along x, y, z, and the edge of one in m.
 const CELLS: [usize; 3] = [5, 4, 3];
@@ -74,7 +74,7 @@ fn a_tick_has_one_substep_and_there_is_at_least_one() {
 
 #[test]
 fn without_a_gpu_the_bench_says_why() {
-    let found = Place::of(&options(&["--backend", "cuda"]));
+    let found = Place::of(&options(&["--backend", "cuda"]).machine);
     match (found, Device::open(None)) {
         (Ok(place), Ok(device)) => {
             assert_eq!((place.backend, &*place.device), ("cuda", device.info().name.as_str()));

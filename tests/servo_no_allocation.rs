@@ -7,7 +7,8 @@ use palpate::servo::contact_model::ContactModel;
 use palpate::servo::coupling::Coupling;
 use palpate::servo::device::DeviceDesc;
 
-#[path = "../benches/lattice/allocations.rs"]
+#[path = "../benches/common/allocations.rs"]
+#[allow(dead_code, reason = "all threads are counted")]
 mod allocations;
 #[path = "support/haptic_device.rs"]
 #[allow(dead_code, reason = "the hands serve elsewhere")]

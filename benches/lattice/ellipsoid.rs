@@ -9,8 +9,9 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 
+use super::common::place::Backend;
 use super::measure::{Scene, measure};
-use super::options::{Backend, Options};
+use super::options::Options;
 use super::pace::Pace;
 use super::press::{Press, radius};
 use super::report::Report;
@@ -49,7 +50,7 @@ pub fn run(options: &Options, report: &mut Report) {
 
 /// Numbers of nodes that the options ask for.
 pub fn sizes(options: &Options) -> Vec<usize> {
-    let all = match options.backend {
+    let all = match options.machine.backend {
         Backend::Cpu => CPU_SIZES,
         Backend::Cuda => CUDA_SIZES,
     };
@@ -63,7 +64,7 @@ pub fn ratios(options: &Options) -> Vec<f64> {
 
 /// The ellipsoid with as nearly so many nodes as there can be.
 pub fn scene(nodes: usize, poisson: f64, options: &Options) -> Result<Scene> {
-    let young_pa = options.young.unwrap_or(match options.backend {
+    let young_pa = options.young.unwrap_or(match options.machine.backend {
         Backend::Cpu => CPU_YOUNG_PA,
         Backend::Cuda => CUDA_YOUNG_PA,
     });

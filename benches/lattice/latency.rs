@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use palpate::error::Result;
 
-use super::allocations;
+use super::common::allocations;
+use super::common::table::quantile;
 use super::ellipsoid;
-use super::measure::{Scene, must_touch, quantile, simulation};
+use super::measure::{Scene, must_touch, simulation};
 use super::options::Options;
 use super::pace::Pace;
 use super::report::{Figures, Latency, Report};

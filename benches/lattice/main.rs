@@ -34,21 +34,23 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-mod allocations;
 pub(crate) mod baseline;
+#[path = "../common/mod.rs"]
+#[allow(dead_code, reason = "each bench uses a part")]
+pub(crate) mod common;
 pub(crate) mod ellipsoid;
 mod latency;
 mod measure;
 pub(crate) mod options;
 pub(crate) mod pace;
-pub(crate) mod place;
 mod press;
 mod report;
 mod still;
 mod thorax;
 
+use self::common::allocations;
+use self::common::place::Place;
 use self::options::{Options, SceneName};
-use self::place::Place;
 use self::report::Report;
 
 #[global_allocator]
@@ -56,7 +58,7 @@ static ALLOCATOR: allocations::Counting = allocations::Counting;
 
 fn main() -> ExitCode {
     let options = Options::parse();
-    match Place::of(&options) {
+    match Place::of(&options.machine) {
         Ok(place) => run(&options, place),
         Err(error) => {
             eprintln!("lattice: {error}");

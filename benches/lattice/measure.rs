@@ -6,14 +6,16 @@ use std::time::Instant;
 use palpate::error::{Error, Result};
 use palpate::math::Vec3;
 use palpate::model::Model;
-use palpate::sim::{self, Precision, Sim, SimDesc};
+use palpate::sim::{Sim, SimDesc};
 
-use super::allocations;
 use super::baseline::masses::Masses;
 use super::baseline::parallel::{Parallel, STEPS, Sphere};
 use super::baseline::serial::{STRETCH, Serial};
 use super::baseline::{self, Baseline};
-use super::options::{Arithmetic, Backend, Options};
+use super::common::allocations;
+use super::common::place::Backend;
+use super::common::table::quantile;
+use super::options::Options;
 use super::pace::Pace;
 use super::press::Press;
 use super::report::{Figures, Timing};
@@ -62,20 +64,11 @@ impl Scene {
 /// The simulation that the options ask for.
 pub fn simulation(model: Arc<Model>, sleeping: bool, pace: Pace, options: &Options) -> Result<Sim> {
     let desc = SimDesc {
-        backend: match options.backend {
-            Backend::Cpu => sim::Backend::Cpu,
-            Backend::Cuda => sim::Backend::Cuda { index: None },
-        },
-        precision: match options.precision {
-            Arithmetic::F32 => Precision::Single,
-            Arithmetic::F64 => Precision::Double,
-        },
-        threads: options.threads,
         step_s: pace.step_s,
         substeps: pace.substeps,
         gravity_m_s2: Vec3::new(0.0, 0.0, -9.81),
         sleeping,
-        ..SimDesc::default()
+        ..options.machine.desc()
     };
     Sim::new(model, &desc)
 }
@@ -95,7 +88,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
     let mut tool = sim.add_tool(&scene.press.tool())?;
     let (lead, count) = (scene.lead(), scene.pace.steps(options.seconds));
 
-    let mut compared = compared(scene, sim.statistics().substep_s, options.backend)?;
+    let mut compared = compared(scene, sim.statistics().substep_s, options.machine.backend)?;
     let mut compared_us = Vec::new();
     baseline::measure(&mut *compared, &mut compared_us)?;
 
@@ -130,7 +123,7 @@ fn run(scene: &Scene, options: &Options) -> Result<Timing> {
 
     let statistics = sim.statistics();
     let wall_us: f64 = walls_us.iter().sum();
-    let is_gpu = options.backend == Backend::Cuda;
+    let is_gpu = options.machine.backend == Backend::Cuda;
     let us_per_step = quantile(&mut passes_us, 0.5);
     let baseline_us_per_step = quantile(&mut compared_us, 0.5);
     Ok(Timing {
@@ -183,10 +176,4 @@ pub fn must_touch(force_n: f64) -> Result<()> {
     (force_n > 0.0)
         .then_some(())
         .ok_or_else(|| Error::argument("the tool touched nothing while steps were measured"))
-}
-
-/// The nearest-rank quantile; sorts.
-pub fn quantile(values: &mut [f64], q: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[((q * values.len() as f64).ceil() as usize).clamp(1, values.len()) - 1]
 }

@@ -2,13 +2,14 @@
 
 use clap::{Parser, ValueEnum};
 
+use super::common::place::{Backend, Machine};
+
 /// Measures steps of the lattice with a tool in contact.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "lattice")]
 pub struct Options {
-    /// Where the simulation runs
-    #[arg(long, value_enum, default_value_t = Backend::Cpu)]
-    pub backend: Backend,
+    #[command(flatten)]
+    pub machine: Machine,
 
     /// Scene to run; may be repeated. All when left out, thorax-1.5mm on a GPU only
     #[arg(long = "scene", value_enum, value_name = "NAME")]
@@ -38,17 +39,9 @@ pub struct Options {
     #[arg(long, value_name = "PA", default_value_t = 20e3)]
     pub young_cap: f64,
 
-    /// Arithmetic of a step
-    #[arg(long, value_enum, default_value_t = Arithmetic::F32)]
-    pub precision: Arithmetic,
-
     /// Simulated time that is measured in each scene
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     pub seconds: f64,
-
-    /// Threads that compute; 0 for one on each core
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub threads: usize,
 
     /// Measure tissue at rest without a tool instead, awake and asleep
     #[arg(long, conflicts_with_all = ["scenes", "latency"])]
@@ -69,20 +62,6 @@ pub struct Options {
     /// What cargo adds to the command line of a bench
     #[arg(long, hide = true)]
     bench: bool,
-}
-
-/// Where a simulation runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Backend {
-    Cpu,
-    Cuda,
-}
-
-/// The arithmetic of a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Arithmetic {
-    F32,
-    F64,
 }
 
 /// What is simulated.
@@ -110,7 +89,7 @@ impl Options {
         if !self.scenes.is_empty() {
             return self.scenes.clone();
         }
-        let takes_minutes = |scene| scene == SceneName::Thorax15 && self.backend == Backend::Cpu;
+        let takes_minutes = |scene| scene == SceneName::Thorax15 && self.machine.backend == Backend::Cpu;
         SceneName::value_variants().iter().copied().filter(|&scene| !takes_minutes(scene)).collect()
     }
 }

@@ -2,7 +2,8 @@
 
 use palpate::model::Model;
 
-use super::options::{Backend, Options};
+use super::common::place::Backend;
+use super::options::Options;
 
 /// A step on the processor when the command line says nothing, in s.
 const CPU_STEP_S: f64 = 1e-3;
@@ -22,7 +23,7 @@ pub struct Pace {
 impl Pace {
     /// What the options ask for. A number of substeps without a length makes steps of stable substeps.
     pub fn of(options: &Options, model: &Model) -> Self {
-        match (options.dt, options.substeps, options.backend) {
+        match (options.dt, options.substeps, options.machine.backend) {
             (Some(step_s), substeps, _) => Self { step_s, substeps },
             (None, Some(substeps), _) => Self::stable(substeps, model),
             (None, None, Backend::Cpu) => Self { step_s: CPU_STEP_S, substeps: None },

@@ -2,10 +2,11 @@
 
 use std::process::ExitCode;
 
-use comfy_table::{CellAlignment, Table, presets};
+use comfy_table::Table;
 use serde::Serialize;
 
-use super::place::Place;
+use super::common::place::Place;
+use super::common::table::empty;
 
 /// The figures of one run. See the head of `main.rs`.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -183,26 +184,13 @@ impl Report {
 
     /// Prints what has not been printed; gives the exit status.
     pub fn finish(self) -> ExitCode {
-        let Place { device, precision, threads, .. } = &self.place;
-        let threads = threads.map_or(String::new(), |threads| format!(", {threads} threads"));
         for table in
             [&self.scenes, &self.latencies, &self.stills].into_iter().filter(|table| !table.is_empty())
         {
-            println!("{device}{threads}, {precision}\n{table}");
+            println!("{}\n{table}", self.place.words());
         }
         ExitCode::from(u8::from(self.has_failed))
     }
-}
-
-/// A table without rows.
-fn empty<const N: usize>(header: [&str; N]) -> Table {
-    let mut table = Table::new();
-    table.load_style(presets::UTF8_FULL_CONDENSED);
-    table.set_header(header);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table
 }
 
 /// Young's modulus in kPa, and Poisson's ratio.

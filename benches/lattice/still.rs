@@ -4,8 +4,9 @@ use std::time::Instant;
 
 use palpate::error::Result;
 
+use super::common::table::quantile;
 use super::ellipsoid;
-use super::measure::{Scene, quantile, simulation};
+use super::measure::{Scene, simulation};
 use super::options::Options;
 use super::report::{Figures, Report, Still};
 

@@ -1,7 +1,7 @@
 //! What the physics publishes about one tool's contact: enough for a servo loop to know the force at any motion near by.
 
-use super::impedance::{displacement, linear, stacked, velocity, wrench};
-use crate::math::{Mat6, Pose, Vec3};
+use super::impedance::{angular, displacement, linear, stacked, velocity, wrench};
+use crate::math::{Mat3, Mat6, Pose, Vec3, all_finite};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// A tool's wrench at one motion, and how it changes around it. World axes, torque and rotation about the tool's origin.
@@ -58,8 +58,10 @@ impl ContactModel {
     /// Whether every number that a force could come from is finite.
     pub fn is_finite(&self) -> bool {
         self.motion.is_valid()
-            && stacked(&self.wrench).iter().chain(self.push.iter()).all(|x| x.is_finite())
-            && self.stiffness.iter().chain(self.damping.iter()).all(|x| x.is_finite())
+            && all_finite(stacked(&self.wrench).as_slice())
+            && all_finite(self.push.as_slice())
+            && all_finite(self.stiffness.as_slice())
+            && all_finite(self.damping.as_slice())
             && self.period_s.is_finite()
     }
 
@@ -70,23 +72,31 @@ impl ContactModel {
     /// wrench at all; and over the last fifth of it, friction and torque fade too, since what is no longer pressed
     /// cannot hold. Where F₀ itself does not push, the law is zero.
     pub fn evaluate(&self, motion: &ToolMotion) -> Wrench {
-        let line = self.line(motion);
-        if self.push == Vec3::zeros() {
-            return line;
-        }
-        let pressed = self.wrench.force_n.dot(&self.push);
-        let pressing = line.force_n.dot(&self.push);
-        if pressed <= 0.0 || pressing <= 0.0 {
-            return Wrench::default();
-        }
-        let hold = (pressing / (LAST_HOLD * pressed)).min(1.0);
-        let normal = self.push * pressing;
-        Wrench { force_n: normal + (line.force_n - normal) * hold, torque_n_m: line.torque_n_m * hold }
+        self.one_sided(&self.line(motion)).0
     }
 
     /// Whether the tool would have left the tissue at a motion: the law is zero there.
     pub fn has_left(&self, motion: &ToolMotion) -> bool {
-        self.push != Vec3::zeros() && self.line(motion).force_n.dot(&self.push) <= 0.0
+        self.one_sided(&self.line(motion)).1
+    }
+
+    /// What is left of the line once tissue can only push, and whether the tool has left it.
+    fn one_sided(&self, line: &Wrench) -> (Wrench, bool) {
+        if self.push == Vec3::zeros() {
+            return (*line, false);
+        }
+        let pressed = self.wrench.force_n.dot(&self.push);
+        let pressing = line.force_n.dot(&self.push);
+        if pressed <= 0.0 || pressing <= 0.0 {
+            return (Wrench::default(), pressing <= 0.0);
+        }
+        let hold = (pressing / (LAST_HOLD * pressed)).min(1.0);
+        if hold == 1.0 {
+            return (*line, false);
+        }
+        let normal = self.push * pressing;
+        let force_n = normal + (line.force_n - normal) * hold;
+        (Wrench { force_n, torque_n_m: line.torque_n_m * hold }, false)
     }
 
     /// The law without its one-sidedness.
@@ -99,7 +109,10 @@ impl ContactModel {
     /// The law at a motion between this model's (`share` 0) and another's (1), as a model around that motion.
     pub fn between(&self, other: &Self, share: f64, motion: &ToolMotion) -> Self {
         let mix = |a: f64, b: f64| a + (b - a) * share;
-        let (a, b) = (self.evaluate(motion), other.evaluate(motion));
+        let ((a, a_left), (b, b_left)) =
+            (self.one_sided(&self.line(motion)), other.one_sided(&other.line(motion)));
+        // Beyond the tissue nothing resists.
+        let there = |of: &Mat6, has_left: bool| if has_left { Mat6::zeros() } else { *of };
         let push = self.push.zip_map(&other.push, mix);
         Self {
             wrench: Wrench {
@@ -107,16 +120,75 @@ impl ContactModel {
                 torque_n_m: a.torque_n_m.zip_map(&b.torque_n_m, mix),
             },
             motion: *motion,
-            stiffness: self.here(&self.stiffness, motion).zip_map(&other.here(&other.stiffness, motion), mix),
-            damping: self.here(&self.damping, motion).zip_map(&other.here(&other.damping, motion), mix),
+            stiffness: there(&self.stiffness, a_left).zip_map(&there(&other.stiffness, b_left), mix),
+            damping: there(&self.damping, a_left).zip_map(&there(&other.damping, b_left), mix),
             push: push.try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
             ..*other
         }
     }
 
-    /// A stiffness or damping as it is at a motion: none beyond the tissue.
-    fn here(&self, of: &Mat6, motion: &ToolMotion) -> Mat6 {
-        if self.has_left(motion) { Mat6::zeros() } else { *of }
+    /// The law around a motion, for a tool that turns with its device.
+    pub fn straight(&self, motion: &ToolMotion) -> StraightLaw {
+        let block = |of: &Mat6| -> Mat3 { of.fixed_view::<3, 3>(0, 0).into() };
+        let (stiffness, damping) = (block(&self.stiffness), block(&self.damping));
+        // The upper half of the line: torque is nobody's business here.
+        let away = displacement(&self.motion.pose, &motion.pose);
+        let faster = velocity(motion) - velocity(&self.motion);
+        let turned = self.stiffness.fixed_view::<3, 3>(0, 3) * angular(&away)
+            + self.damping.fixed_view::<3, 3>(0, 3) * angular(&faster);
+        let line = self.wrench.force_n - stiffness * linear(&away) - damping * linear(&faster) - turned;
+        let (wrench, has_left) = self.one_sided(&Wrench { force_n: line, ..Wrench::default() });
+        let there = |block: Mat3| if has_left { Mat3::zeros() } else { block };
+        StraightLaw {
+            force_n: wrench.force_n,
+            linear_m_s: motion.linear_m_s,
+            stiffness: there(stiffness),
+            damping: there(damping),
+            push: self.push,
+        }
+    }
+}
+
+/// A law around one motion for a tool that turns with its device, so that translation is all that it may still choose: a ninth of the numbers. World
+/// axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StraightLaw {
+    /// The force there, ...
+    pub force_n: Vec3,
+    /// ... at this velocity.
+    pub linear_m_s: Vec3,
+    /// Of the force against translation, in N/m.
+    pub stiffness: Mat3,
+    /// Likewise, in N s/m.
+    pub damping: Mat3,
+    /// As [`ContactModel::push`].
+    pub push: Vec3,
+}
+
+impl StraightLaw {
+    /// Nothing is touched.
+    pub fn none() -> Self {
+        let (zero, none) = (Vec3::zeros(), Mat3::zeros());
+        Self { force_n: zero, linear_m_s: zero, stiffness: none, damping: none, push: zero }
+    }
+
+    /// The law between this one (`share` 0) and another around the same motion (1).
+    pub fn between(&self, other: &Self, share: f64) -> Self {
+        let mix = |a: f64, b: f64| a + (b - a) * share;
+        Self {
+            force_n: self.force_n.zip_map(&other.force_n, mix),
+            linear_m_s: other.linear_m_s,
+            stiffness: self.stiffness.zip_map(&other.stiffness, mix),
+            damping: self.damping.zip_map(&other.damping, mix),
+            push: self.push.zip_map(&other.push, mix).try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
+        }
+    }
+
+    /// Whether a tool that goes on at a velocity for `dt` seconds has left the tissue: what [`ContactModel::has_left`] says there.
+    pub fn has_left(&self, linear_m_s: Vec3, dt: f64) -> bool {
+        let faster = linear_m_s - self.linear_m_s;
+        let line = self.force_n - self.stiffness * (linear_m_s * dt) - self.damping * faster;
+        self.push != Vec3::zeros() && line.dot(&self.push) <= 0.0
     }
 }
 

@@ -15,7 +15,7 @@
 
 use nalgebra::Cholesky;
 
-use super::contact_model::ContactModel;
+use super::contact_model::{ContactModel, StraightLaw};
 use super::device::DeviceDesc;
 use super::impedance::{
     BlockLimit, ImpedanceLimits, angular, displacement, isotropic, linear, stacked, velocity, wrench,
@@ -115,6 +115,7 @@ const REACH_M: f64 = 0.5;
 /// The tool that hangs on a [`VirtualCoupling`].
 #[derive(Clone, Debug)]
 pub struct Proxy {
+    spring: VirtualCoupling,
     stiffness: Mat6,
     damping: Mat6,
     turns_freely: bool,
@@ -125,6 +126,7 @@ impl Proxy {
     /// Where the device is.
     pub fn new(coupling: &VirtualCoupling, device: &ToolMotion) -> Self {
         Self {
+            spring: *coupling,
             stiffness: isotropic(coupling.stiffness_n_per_m, coupling.stiffness_n_m_per_rad),
             damping: isotropic(coupling.damping_n_s_per_m, coupling.damping_n_m_s_per_rad),
             turns_freely: coupling.stiffness_n_m_per_rad > 0.0,
@@ -142,9 +144,61 @@ impl Proxy {
         self.motion = *device;
     }
 
+    /// Whether it has a spring against turning; without, it turns with its device, and [`Self::advance_straight`] will do.
+    pub fn turns_freely(&self) -> bool {
+        self.turns_freely
+    }
+
+    /// Where it is, turned as the device: what a law for [`Self::advance_straight`] is made around.
+    pub fn turned(&self, device: &ToolMotion) -> ToolMotion {
+        ToolMotion {
+            pose: Pose::from_parts(self.motion.pose.translation, device.pose.rotation),
+            linear_m_s: self.motion.linear_m_s,
+            angular_rad_s: device.angular_rad_s,
+        }
+    }
+
+    /// As [`Self::advance`] for a proxy that turns with its device: three numbers to balance instead of six. `law` is around
+    /// [`Self::turned`]. Gives the force alone.
+    pub fn advance_straight(&mut self, law: &StraightLaw, device: &ToolMotion, dt: f64) -> Vec3 {
+        if dt > 0.0 {
+            let way = device.pose.translation.vector - self.motion.pose.translation.vector;
+            let mut moving = self.balance(law, way, device, dt);
+            if moving.is_some_and(|v| law.has_left(v, dt)) {
+                // As below.
+                moving = self.balance(&StraightLaw::none(), way, device, dt);
+            }
+            let moved = moving.map(|v| ToolMotion {
+                pose: Pose::from_parts(
+                    (self.motion.pose.translation.vector + v * dt).into(),
+                    device.pose.rotation,
+                ),
+                linear_m_s: v,
+                angular_rad_s: device.angular_rad_s,
+            });
+            self.motion = moved.filter(|moved| is_within_reach(moved, device)).unwrap_or(*device);
+        }
+        let offset = self.motion.pose.translation.vector - device.pose.translation.vector;
+        let faster = self.motion.linear_m_s - device.linear_m_s;
+        offset * self.spring.stiffness_n_per_m + faster * self.spring.damping_n_s_per_m
+    }
+
+    /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d.
+    fn balance(&self, law: &StraightLaw, way: Vec3, device: &ToolMotion, dt: f64) -> Option<Vec3> {
+        let VirtualCoupling { stiffness_n_per_m: k, damping_n_s_per_m: b, .. } = self.spring;
+        let resistance = law.damping + law.stiffness * dt + Mat3::from_diagonal_element(b + k * dt);
+        let load = law.force_n + law.damping * law.linear_m_s + way * k + device.linear_m_s * b;
+        solve(&resistance, load)
+    }
+
     /// Moves the proxy to where spring, damper and tissue balance after `dt` seconds, and gives the wrench that the device feels. `law` is
     /// the tissue's, around the proxy's motion.
     pub fn advance(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) -> Wrench {
+        if !self.turns_freely {
+            let force_n = self.advance_straight(&law.straight(&self.turned(device)), device, dt);
+            // A proxy that turns with the device has no spring to tell the torque.
+            return Wrench { force_n, torque_n_m: law.evaluate(&self.motion).torque_n_m };
+        }
         if dt > 0.0 {
             let start = self.motion;
             self.move_against(law, device, dt);
@@ -156,40 +210,26 @@ impl Proxy {
         }
         let offset = displacement(&device.pose, &self.motion.pose);
         let faster = velocity(&self.motion) - velocity(device);
-        let felt = wrench(&(self.stiffness * offset + self.damping * faster));
-        // A proxy that turns with the device has no spring to tell the torque.
-        let torque = if self.turns_freely { felt.torque_n_m } else { law.evaluate(&self.motion).torque_n_m };
-        Wrench { torque_n_m: torque, ..felt }
+        wrench(&(self.stiffness * offset + self.damping * faster))
     }
 
     /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d.
     fn move_against(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) {
-        if !self.turns_freely {
-            self.motion.pose.rotation = device.pose.rotation;
-        }
         let resistance = self.damping + law.damping + (self.stiffness + law.stiffness) * dt;
         let load = stacked(&law.wrench) - law.stiffness * displacement(&law.motion.pose, &self.motion.pose)
             + law.damping * velocity(&law.motion)
             + self.stiffness * displacement(&self.motion.pose, &device.pose)
             + self.damping * velocity(device);
-        let moving = if self.turns_freely {
-            Cholesky::new(resistance).map(|factor| factor.solve(&load))
-        } else {
-            translation(&resistance, &(load - law.damping * turning(device)), device)
-        };
-        let moved = moving.map(|v| self.moved(&v, device, dt)).filter(|moved| is_within_reach(moved, device));
+        let moving = Cholesky::new(resistance).map(|factor| factor.solve(&load));
+        let moved = moving.map(|v| self.moved(&v, dt)).filter(|moved| is_within_reach(moved, device));
         // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
         self.motion = moved.unwrap_or(*device);
     }
 
     /// Where a velocity leads.
-    fn moved(&self, moving: &Vec6, device: &ToolMotion, dt: f64) -> ToolMotion {
+    fn moved(&self, moving: &Vec6, dt: f64) -> ToolMotion {
         let at = self.motion.pose.translation.vector + linear(moving) * dt;
-        let mut rotation = if self.turns_freely {
-            Quat::from_scaled_axis(angular(moving) * dt) * self.motion.pose.rotation
-        } else {
-            device.pose.rotation
-        };
+        let mut rotation = Quat::from_scaled_axis(angular(moving) * dt) * self.motion.pose.rotation;
         rotation.renormalize_fast();
         ToolMotion {
             pose: Pose::from_parts(at.into(), rotation),
@@ -199,24 +239,30 @@ impl Proxy {
     }
 }
 
+/// x of A x = b, where A is symmetric and positive definite; by A = L D Lᵀ, written out, because it is most of what a tick computes.
+fn solve(a: &Mat3, b: Vec3) -> Option<Vec3> {
+    let d0 = a[(0, 0)];
+    let (l10, l20) = (a[(1, 0)] / d0, a[(2, 0)] / d0);
+    let d1 = a[(1, 1)] - l10 * a[(1, 0)];
+    let below = a[(2, 1)] - l20 * a[(1, 0)];
+    let l21 = below / d1;
+    let d2 = a[(2, 2)] - l20 * a[(2, 0)] - l21 * below;
+    // Written so that a NaN has no solution.
+    let is_definite = d0 > 0.0 && d1 > 0.0 && d2 > 0.0;
+    if !is_definite {
+        return None;
+    }
+    let y1 = b.y - l10 * b.x;
+    let y2 = b.z - l20 * b.x - l21 * y1;
+    let z = y2 / d2;
+    let y = y1 / d1 - l21 * z;
+    Some(Vec3::new(b.x / d0 - l10 * y - l20 * z, y, z))
+}
+
 /// Whether a proxy is one that a device could hold.
 fn is_within_reach(proxy: &ToolMotion, device: &ToolMotion) -> bool {
     let way = proxy.pose.translation.vector - device.pose.translation.vector;
     proxy.is_valid() && way.norm() <= REACH_M
-}
-
-/// The velocity with the device's rotation, balanced in translation alone.
-fn translation(resistance: &Mat6, load: &Vec6, device: &ToolMotion) -> Option<Vec6> {
-    let block: Mat3 = resistance.fixed_view::<3, 3>(0, 0).into();
-    let balanced = Cholesky::new(block)?.solve(&linear(load));
-    let mut moving = velocity(device);
-    moving.fixed_rows_mut::<3>(0).copy_from(&balanced);
-    Some(moving)
-}
-
-/// The device's velocity without its translation.
-fn turning(device: &ToolMotion) -> Vec6 {
-    velocity(&ToolMotion { linear_m_s: Vec3::zeros(), ..*device })
 }
 
 #[cfg(test)]
@@ -225,6 +271,48 @@ mod tests {
     use crate::servo::patch::Patch;
 
     const DT: f64 = 1e-3;
+
+    #[test]
+    fn the_written_out_solution_is_the_factored_one_and_refuses_what_is_not_definite() {
+        let mut noise = crate::noise::Noise(5);
+        for _ in 0..200 {
+            let root = Mat3::from_fn(|_, _| noise.next());
+            // From all directions alike to one five million times stiffer, as bone at a microsecond's tick.
+            for least in [1.0, 2e-7] {
+                let a = root * root.transpose() + Mat3::from_diagonal_element(least);
+                let b = Vec3::from_fn(|_, _| noise.next());
+                let found = solve(&a, b).unwrap();
+                let expected = Cholesky::new(a).unwrap().solve(&b);
+                assert!((a * found - b).norm() < 1e-12 * a.norm() * (1.0 + found.norm()), "{a} {b}");
+                assert!((found - expected).norm() < 1e-7 * expected.norm(), "{found} {expected}");
+            }
+        }
+        let b = Vec3::x();
+        assert_eq!(solve(&Mat3::from_diagonal(&Vec3::new(1.0, -1.0, 1.0)), b), None);
+        assert_eq!(solve(&Mat3::from_diagonal_element(f64::NAN), b), None);
+    }
+
+    #[test]
+    fn a_proxy_that_turns_with_its_device_moves_as_the_whole_balance_says() {
+        // Springs that couple all directions and turning, and damping; the device turns.
+        let mut noise = crate::noise::Noise(9);
+        let root = Mat6::from_fn(|_, _| 10.0 * noise.next());
+        let law = ContactModel {
+            wrench: Wrench { force_n: Vec3::new(0.2, -0.1, 0.5), ..Wrench::default() },
+            motion: at(0.0, 0.0),
+            stiffness: root * root.transpose(),
+            damping: root * root.transpose() * 1e-3,
+            ..ContactModel::none()
+        };
+        let mut proxy = Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &at(0.0, 0.0));
+        let turned = Pose::new(Vec3::new(1e-3, 0.0, -2e-3), Vec3::new(0.0, 2e-3, 1e-3));
+        let device = ToolMotion { angular_rad_s: Vec3::new(0.0, 2.0, 1.0), ..ToolMotion::at(turned) };
+        let felt = proxy.advance(&law, &device, DT).force_n;
+        // Massless: what the coupling pulls with is what the tissue pushes back with, where it then is.
+        let tissue = law.evaluate(proxy.motion()).force_n;
+        assert!((felt - tissue).norm() < 1e-9, "{felt} against {tissue}");
+        assert_eq!(proxy.motion().pose.rotation, turned.rotation);
+    }
 
     fn turning_device() -> DeviceDesc {
         DeviceDesc {

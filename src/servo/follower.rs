@@ -1,6 +1,6 @@
 //! The servo's view of the newest contact model: a law that changes without a jump when a model arrives.
 
-use super::contact_model::ContactModel;
+use super::contact_model::{ContactModel, StraightLaw};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// Longest fade, for a simulation that hardly gets on, in s: the hand should not feel old tissue.
@@ -33,13 +33,24 @@ impl Follower {
 
     /// Takes the newest model, and says whether it is one that was not seen before. `motion` is where the tool is now.
     pub fn accept(&mut self, newest: &ContactModel, motion: &ToolMotion, now_s: f64) -> bool {
-        if self.since_s.is_some() && newest.sequence == self.to.sequence {
+        if !self.is_news(newest) {
             return false;
         }
-        self.from = if self.since_s.is_some() { self.law(motion, now_s) } else { *newest };
+        if self.since_s.is_none() {
+            self.from = *newest;
+        } else if self.share(now_s) < 1.0 {
+            self.from = self.law(motion, now_s);
+        } else {
+            self.from = self.to;
+        }
         self.to = *newest;
         self.since_s = Some(now_s);
         true
+    }
+
+    /// Whether a model was not seen before.
+    pub fn is_news(&self, newest: &ContactModel) -> bool {
+        self.since_s.is_none() || newest.sequence != self.to.sequence
     }
 
     /// The law at a motion, as a model around it. What [`evaluate`](Self::evaluate) gives there is its wrench.
@@ -47,9 +58,25 @@ impl Follower {
         self.from.between(&self.to, self.share(now_s), motion)
     }
 
+    /// The same for a tool that turns with its device.
+    pub fn straight(&self, motion: &ToolMotion, now_s: f64) -> StraightLaw {
+        let (share, to) = (self.share(now_s), self.to.straight(motion));
+        // What has faded is not looked at any more.
+        if share < 1.0 { self.from.straight(motion).between(&to, share) } else { to }
+    }
+
     /// The wrench at a motion.
     pub fn evaluate(&self, motion: &ToolMotion, now_s: f64) -> Wrench {
-        self.law(motion, now_s).wrench
+        let (share, to) = (self.share(now_s), self.to.evaluate(motion));
+        if share >= 1.0 {
+            return to;
+        }
+        let from = self.from.evaluate(motion);
+        let mix = |a: f64, b: f64| a + (b - a) * share;
+        Wrench {
+            force_n: from.force_n.zip_map(&to.force_n, mix),
+            torque_n_m: from.torque_n_m.zip_map(&to.torque_n_m, mix),
+        }
     }
 
     /// How long ago the newest model arrived, in seconds; infinite before the first.

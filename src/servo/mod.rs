@@ -76,7 +76,7 @@ use passivity::Observer;
 use safety::{Asked, DISENGAGING, SafetyChain};
 
 use crate::error::Result;
-use crate::math::Pose;
+use crate::math::{Pose, Vec3};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// What a device says at a tick of its servo loop.
@@ -245,6 +245,10 @@ impl Servo {
         if newest.sequence == 0 {
             return true;
         }
+        // One that was taken already was looked at then.
+        if !self.follower.is_news(newest) {
+            return true;
+        }
         if !newest.is_finite() {
             return false;
         }
@@ -262,7 +266,22 @@ impl Servo {
     fn couple(&mut self, dt: f64) -> Wrench {
         let now = self.clock.now_s();
         match &mut self.proxy {
+            None if !self.desc.has_torque() => {
+                let force_n = self.follower.straight(&self.motion, now).force_n;
+                Wrench { force_n, ..Wrench::default() }
+            }
             None => self.follower.evaluate(&self.motion, now),
+            Some(proxy) if !proxy.turns_freely() => {
+                let law = self.follower.straight(&proxy.turned(&self.motion), now);
+                let force_n = proxy.advance_straight(&law, &self.motion, dt);
+                // Only the tissue can tell the torque, where there are motors for it.
+                let torque_n_m = if self.desc.has_torque() {
+                    self.follower.evaluate(proxy.motion(), now).torque_n_m
+                } else {
+                    Vec3::zeros()
+                };
+                Wrench { force_n, torque_n_m }
+            }
             Some(proxy) => {
                 let law = self.follower.law(proxy.motion(), now);
                 proxy.advance(&law, &self.motion, dt)

@@ -5,7 +5,7 @@
 //! exactly: no velocity has to be estimated for the observer.
 
 use super::impedance::{displacement, stacked, velocity};
-use crate::math::Pose;
+use crate::math::{Pose, Vec3};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// Adds up the energy that the hand has put into the loop.
@@ -22,7 +22,12 @@ impl Observer {
     /// Takes in where the device is now. Poses that are not finite are passed over.
     pub fn look(&mut self, motion: &ToolMotion) {
         if let Some((from, rendered)) = self.last.take() {
-            let work = stacked(&rendered).dot(&displacement(&from, &motion.pose));
+            // Turning costs nothing where there is no torque, and most of the time otherwise.
+            let work = if rendered.torque_n_m == Vec3::zeros() {
+                rendered.force_n.dot(&(motion.pose.translation.vector - from.translation.vector))
+            } else {
+                stacked(&rendered).dot(&displacement(&from, &motion.pose))
+            };
             if work.is_finite() {
                 // The device pushed the hand along the way: that energy came from the loop.
                 self.energy_j -= work;
@@ -88,7 +93,6 @@ pub fn control(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Vec3;
 
     fn at(x: f64) -> ToolMotion {
         ToolMotion::at(Pose::translation(x, 0.0, 0.0))

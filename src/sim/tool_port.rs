@@ -135,6 +135,12 @@ impl ToolPort {
         Some(exchange)
     }
 
+    /// The newest contact model, as a servo loop of the host's own would follow it; `None` for a tool without a device. Wait-free.
+    pub fn contact_model(&mut self) -> Option<&ContactModel> {
+        let model = &self.felt.read().0.model;
+        self.servo.is_some().then_some(model)
+    }
+
     /// How the servo loop is doing; `None` for a tool without a device.
     pub fn servo_statistics(&self) -> Option<&ServoStatistics> {
         self.servo.as_ref().map(Servo::statistics)

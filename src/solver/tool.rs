@@ -1,7 +1,7 @@
 //! Tools: rigid shapes that press tissue, where they are, and what they feel.
 
 use crate::error::{Error, Result};
-use crate::math::{FAR_M, Pose, Vec3};
+use crate::math::{FAR_M, Pose, Vec3, all_finite};
 
 /// A convex primitive, centred at the origin of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,7 +134,10 @@ impl ToolMotion {
 
     /// Whether all of it is finite and the tool within [`FAR_M`] of the origin. Allocates nothing.
     pub fn is_valid(&self) -> bool {
-        self.linear_m_s.iter().chain(self.angular_rad_s.iter()).all(|x| x.is_finite()) && is_near(&self.pose)
+        // Not `&&`: a servo loop asks several times in each tick, and has no time to stop early.
+        all_finite(self.linear_m_s.as_slice())
+            & all_finite(self.angular_rad_s.as_slice())
+            & is_near(&self.pose)
     }
 
     /// Refuses what is not valid, in words.
@@ -326,6 +329,6 @@ impl ToolPath {
 }
 
 fn is_near(pose: &Pose) -> bool {
-    pose.translation.vector.iter().all(|x| x.abs() <= FAR_M)
-        && pose.rotation.coords.iter().all(|x| x.is_finite())
+    let is_near = pose.translation.vector.iter().fold(true, |all, x| all & (x.abs() <= FAR_M));
+    is_near & all_finite(pose.rotation.coords.as_slice())
 }

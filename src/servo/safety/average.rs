@@ -45,6 +45,10 @@ impl Average {
 
     /// Takes in what was rendered for `dt` seconds.
     pub fn note(&mut self, rendered: Vec3, dt: f64) {
+        // A device without torque has no motors that could get warm.
+        if self.largest <= 0.0 {
+            return;
+        }
         let kept = (-dt / self.window_s).exp();
         self.mean_square = self.mean_square * kept + rendered.norm_squared() * (1.0 - kept);
     }

@@ -2,8 +2,15 @@
 
 use crate::math::Vec3;
 
+/// A square that is less than this share of the limit's is less whatever the rounding.
+const ALMOST: f64 = 1.0 - 1e-12;
+
 /// The vector, no longer than `limit`, and whether that made it shorter. What is not finite becomes zero.
 pub fn at_most(v: Vec3, limit: f64) -> (Vec3, bool) {
+    // Most are short, and a NaN is not.
+    if v.norm_squared() < limit * limit * ALMOST {
+        return (v, false);
+    }
     // The largest component first: a square of 1e200 is not finite, but its direction is known.
     let scale = v.amax();
     if !v.iter().all(|x| x.is_finite()) {

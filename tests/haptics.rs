@@ -102,6 +102,11 @@ fn a_failing_device_or_simulation_stops_the_force_and_not_the_program() {
 }
 
 #[test]
+fn under_the_librarys_own_thread_faults_take_the_force_away_and_hang_nobody() {
+    check("bridge_driver", "bridge driver");
+}
+
+#[test]
 fn ports_close_in_any_order_under_running_servos() {
     check("bridge_threads", "bridge threads");
 }

@@ -92,6 +92,7 @@ public:
     /// Angles are not scaled, so that the same torque does the same work under either rule.
     Vec3 torque(Vec3 world_n_m) const noexcept { return rotate(inverse(turn_), world_n_m); }
     double scale() const noexcept { return scale_; }
+    double force_scale() const noexcept { return force_scale_; }
 
     /// Whether a mapping can be one.
     static bool is_good(const plp_hd_mapping &m) noexcept {

@@ -24,6 +24,8 @@ static_assert(Periods::BUCKETS == PLP_HD_PERIOD_BUCKETS, "statistics copy the bu
 std::mutex host;
 /// Ports that the bridge's scheduler runs for.
 int scheduled_ports = 0;
+/// In so many seconds any force is gone at the slew limit: a little less than the 30 ms that plp_haptic_desc asks for.
+constexpr double FALL_S = 0.029;
 
 /// Errors of HDAPI that one port found and that belong to another, by its place.
 std::atomic<std::uint32_t> kept_errors[PLP_HD_PORTS];
@@ -91,6 +93,8 @@ void ask(plp_hd_info &info) {
     hdGetDoublev(HD_NOMINAL_MAX_DAMPING, &info.max_damping_n_s_m);
     info.max_stiffness_n_m *= 1e3; // from N/mm
     info.max_damping_n_s_m *= 1e3; // from N s/mm
+    hdGetDoublev(HD_UPDATE_RATE, &info.servo_rate_hz);
+    if (!(info.servo_rate_hz > 0.0)) info.servo_rate_hz = 1000.0; // as HDAPI's scheduler is without another word
     hdGetDoublev(HD_MAX_WORKSPACE_DIMENSIONS, box);
     copy_mm(box, info.reach_min_m);
     copy_mm(box + 3, info.reach_max_m);
@@ -99,6 +103,15 @@ void ask(plp_hd_info &info) {
     copy_mm(box + 3, info.usable_max_m);
     hdGetIntegerv(HD_OUTPUT_DOF, &info.output_dof);
     hdGetIntegerv(HD_CALIBRATION_STYLE, &info.calibration_style);
+    if (info.output_dof < 6) return;
+    double *const of_torque[4] = {&info.max_torque_n_m, &info.continuous_torque_n_m, &info.max_stiffness_n_m_rad,
+                                  &info.max_damping_n_m_s_rad};
+    const HDenum names[4] = {HD_NOMINAL_MAX_TORQUE_FORCE, HD_NOMINAL_MAX_TORQUE_CONTINUOUS_FORCE,
+                             HD_NOMINAL_MAX_TORQUE_STIFFNESS, HD_NOMINAL_MAX_TORQUE_DAMPING};
+    for (int i = 0; i < 4; ++i) {
+        hdGetDoublev(names[i], of_torque[i]);
+        *of_torque[i] *= 1e-3; // from mN m
+    }
 }
 
 /// Calibrates the current device where a call can. Of several styles the encoder reset is last: it believes that the
@@ -110,6 +123,34 @@ HDenum calibrate(const plp_hd_info &info) {
                                                                         : HD_CALIBRATION_ENCODER_RESET;
     hdUpdateCalibration(static_cast<HDenum>(style));
     return hdCheckCalibration();
+}
+
+/// What the device bears, through the mapping.
+void bear(const plp_hd_info &info, const Mapping &mapping, double max_speed_m_s, plp_haptic_desc &to) {
+    const plp_haptic_desc touch = plp_haptic_desc_default(); // for what HDAPI does not name
+    const double k = mapping.force_scale(), ks = k * mapping.scale();
+    const auto or_else = [](double said, double otherwise) { return said > 0.0 ? said : otherwise; };
+    to.max_force_n = info.max_force_n / k;
+    to.continuous_force_n = or_else(info.continuous_force_n, info.max_force_n) / k;
+    to.max_stiffness_n_m = or_else(info.max_stiffness_n_m, touch.max_stiffness_n_m) / ks;
+    to.max_damping_n_s_m = or_else(info.max_damping_n_s_m, 0.0) / ks;
+    // HDAPI names no slew; it must never be so slow that a force stays too long.
+    to.slew_n_s = std::fmax(touch.slew_n_s / k, to.max_force_n / FALL_S);
+
+    // Angles and torques are the same on both sides.
+    to.max_torque_n_m = info.max_torque_n_m;
+    to.continuous_torque_n_m = or_else(info.continuous_torque_n_m, info.max_torque_n_m);
+    to.max_stiffness_n_m_rad = info.max_stiffness_n_m_rad;
+    to.max_damping_n_m_s_rad = info.max_damping_n_m_s_rad;
+    to.slew_n_m_s = to.max_torque_n_m / FALL_S;
+
+    to.servo_rate_hz = info.servo_rate_hz;
+    to.max_speed_m_s = mapping.scale() * max_speed_m_s;
+    to.flags &= ~PLP_HAPTIC_BALL;
+    for (int i = 0; i < 3; ++i) {
+        const double edge_m = info.reach_max_m[i] - info.reach_min_m[i];
+        to.workspace_m[i] = mapping.scale() * or_else(0.5 * edge_m, touch.workspace_m[0]);
+    }
 }
 
 HDCallbackCode HDCALLBACK servo_callback(void *user) {
@@ -214,8 +255,6 @@ plp_status plp_hd_desc_init(plp_hd_desc *desc, uint32_t desc_size) {
     desc->mapping.base.rotation[3] = 1.0;
     desc->mapping.scale = 1.0;
     desc->max_speed_m_s = 2.0;
-    desc->calm_s = 0.1;
-    desc->ramp_s = 0.5;
     return PLP_OK;
 }
 
@@ -225,9 +264,8 @@ plp_status plp_hd_open(const plp_hd_desc *desc, plp_hd **out) {
     const plp_hd_desc &how = desc ? *desc : defaults;
     if (how.struct_size != sizeof how) return fail(PLP_ERR_STRUCT_SIZE, "the desc was not made by plp_hd_desc_init");
     if (!Mapping::is_good(how.mapping)) return fail(PLP_ERR_ARGUMENT, "the mapping is none");
-    if (!(how.max_speed_m_s > 0.0) || !(how.calm_s >= 0.0) || !(how.ramp_s >= 0.0) ||
-        (how.flags & ~PLP_HD_HOST_SERVO) != 0) {
-        return fail(PLP_ERR_ARGUMENT, "max_speed_m_s must be above 0, times must not be below, and flags known");
+    if (!(how.max_speed_m_s > 0.0) || (how.flags & ~PLP_HD_HOST_SERVO) != 0) {
+        return fail(PLP_ERR_ARGUMENT, "max_speed_m_s must be above 0, and flags known");
     }
 
     const std::lock_guard<std::mutex> lock(host);
@@ -285,9 +323,24 @@ plp_status plp_hd_get_info(plp_hd *port, plp_hd_info *info, uint32_t info_size) 
     return give(port->info, info, info_size);
 }
 
+plp_status plp_hd_haptic(plp_hd *port, plp_haptic_desc *haptic) {
+    const std::lock_guard<std::mutex> lock(host);
+    if (const plp_status bad = check(port)) return bad;
+    if (!haptic) return fail(PLP_ERR_NULL, "the output is NULL");
+    if (haptic->struct_size != sizeof *haptic) {
+        return fail(PLP_ERR_STRUCT_SIZE, "the desc was not made by plp_haptic_desc_init");
+    }
+    bear(port->info, port->mapping, port->desc.max_speed_m_s, *haptic);
+    return PLP_OK;
+}
+
 plp_status plp_hd_attach(plp_hd *port, plp_tool *tool) {
     const std::lock_guard<std::mutex> lock(host);
     if (const plp_status bad = check(port)) return bad;
+    plp_servo_statistics unused;
+    if (const plp_status bad = tool ? plp_tool_get_servo_statistics(tool, &unused, sizeof unused) : PLP_OK) {
+        return fail(bad, "%s; plp_hd_haptic fills a desc for plp_tool_desc.haptic", plp_last_error());
+    }
     // First none, then the new one: a tick in between must not meet the new tool with the old one's state.
     port->tool.store(nullptr);
     if (!wait_outside(*port)) return fail(PLP_ERR_BUSY, "a tick has not ended for a second; no tool is attached");
@@ -327,9 +380,8 @@ plp_status plp_hd_start(plp_hd *port) {
     plp_hd::Servo &s = port->servo;
     s.has_ticked = s.has_seen = false;
     s.is_led = s.is_placed; // the tool may be far from where the hand is by now
-    s.gain = s.latched = 0;
-    s.calm_s = port->desc.calm_s;
-    s.exchange.forget();
+    s.lets_go = true;           // and the hand in it
+    s.latched = 0;
     for (Periods *p : {&port->periods, &port->work, &port->ages}) p->clear();
     port->started_s.store(port->now_s());
     port->is_started.store(true);

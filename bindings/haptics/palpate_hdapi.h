@@ -1,11 +1,16 @@
 /* A servo bridge between palpate and OpenHaptics: a device opened through HDAPI feels a plp_tool.
  *
  *   plp_hd_desc how = plp_hd_desc_default();          // the default device, at the world's origin, same size
+ *   plp_haptic_desc limits = plp_haptic_desc_default();
  *   plp_hd *hand;
  *   plp_hd_open(&how, &hand);
+ *   plp_hd_haptic(hand, &limits);                     // what this device bears, in the world's units
+ *   probe.haptic = &limits;                           // a plp_tool_desc
+ *   plp_tool_create(sim, &probe, &tool);
  *   plp_hd_attach(hand, tool);
  *   plp_hd_start(hand);                               // from now on the device pushes back
- *   ...                                               // the simulation steps on a thread of its own
+ *   plp_sim_start(sim, NULL);                         // and the simulation steps on a thread of its own
+ *   ...
  *   plp_hd_close(hand);                               // before or after the tool, the simulation and the model
  *
  * Between open and close nothing that goes wrong stops the program: it stops the force. plp_hd_get_state says what
@@ -31,15 +36,16 @@ extern "C" {
 typedef struct plp_hd plp_hd;
 #define PLP_HD_PORTS 8
 
-/* Why there is no force, or less: bits of plp_hd_tick.faults. All zero the force at once. When the cause has been gone
- * for plp_hd_desc.calm_s it comes back over plp_hd_desc.ramp_s, except after PLP_HD_FAULT_DEVICE. */
+/* Why there is no force, or less: bits of plp_hd_tick.faults. What the bridge finds is to the tool a dead-man switch that
+ * was let go: no force at once, and none until the cause is gone and the tool has left the tissue, from where it comes back
+ * slowly. What the tool finds (TISSUE, STALE) goes as plp_tool_exchange says; plp_hd_tick.servo_flags has all it says. */
 #define PLP_HD_FAULT_NOT_FINITE 1u   /* the device reported a number that is none, or a transform without rotation */
-#define PLP_HD_FAULT_JUMP 2u         /* it moved faster than plp_hd_desc.max_speed_m_s; the tool is led there slowly */
+#define PLP_HD_FAULT_JUMP 2u         /* it moved faster than can be; the tool is led there slowly */
 #define PLP_HD_FAULT_DEVICE 4u       /* it failed or does not answer; stays until plp_hd_resume */
 #define PLP_HD_FAULT_LIMIT 8u        /* HDAPI found force or speed too high, or motors warm */
 #define PLP_HD_FAULT_CALIBRATION 16u /* it does not know where it is; see plp_hd_calibrate */
-#define PLP_HD_FAULT_TISSUE 32u      /* the tool answered anything but PLP_OK; plp_hd_tick.status says what */
-#define PLP_HD_FAULT_STALE 64u       /* the simulation has not stepped for too long */
+#define PLP_HD_FAULT_TISSUE 32u      /* the simulation is gone or failed, or the tool was busy: see plp_hd_tick.status */
+#define PLP_HD_FAULT_STALE 64u       /* the simulation has not stepped for so long that the force decays or is gone */
 #define PLP_HD_FAULT_BUSY 128u       /* two threads were in plp_hd_run_tick at once; the second did nothing */
 #define PLP_HD_FAULT_FRAME 256u      /* HDAPI was used against its rules, such as two frames in one tick */
 #define PLP_HD_FAULT_SERVO 512u      /* started, and no tick for 50 ms: only plp_hd_get_state can say so */
@@ -65,20 +71,23 @@ typedef struct {
 typedef struct {
     double time_s;              /* the bridge's clock at the start of the tick */
     double period_s;            /* since the tick before; 0 in the first */
-    plp_motion motion;          /* the tool, world frame, as the tissue was told */
+    plp_motion motion;          /* the device, world frame, as the tool was told */
+    plp_motion tool;            /* the tool that hangs on it, world frame */
     double device_position_m[3]; /* device frame */
-    double force_n[3];          /* of the tissue on the tool, world frame */
+    double force_n[3];          /* what the tool gives the device, world frame */
     double torque_n_m[3];
     double device_force_n[3];   /* written to the device, device frame */
     double gimbal_torque_n_m[3]; /* written to the gimbal's motors: yaw, pitch, roll */
-    double age_s;               /* how long ago the simulation made this force */
-    double gain;                /* 0 to 1: how far the force has come back after a fault */
+    double age_s;               /* how long ago the step arrived that this force comes from; negative before the first */
+    double latency_s;           /* how old the pose was that it was computed with, when it arrived */
     uint64_t tick;              /* counts from 1 */
     uint64_t sequence;          /* of the simulation's step, as in plp_force */
     uint32_t faults;            /* PLP_HD_FAULT_, or'ed */
     uint32_t buttons;           /* HD_DEVICE_BUTTON_, or'ed */
-    plp_status status;          /* what the tool answered */
+    uint32_t servo_flags;       /* PLP_SERVO_, or'ed: what was done to the force; 0 without a tool */
     uint32_t hd_error;          /* the first HDAPI error of the tick, HD_SUCCESS without */
+    plp_status status;          /* what the tool answered; PLP_NOTHING without one */
+    uint32_t reserved;          /* always 0 */
 } plp_hd_tick;
 
 /* Called at the end of each tick on the servo thread: no lock, no allocation, no throw. */
@@ -93,8 +102,6 @@ typedef struct {
     const char *device_name; /* as HDAPI's configuration names it; NULL (default) takes the default device */
     plp_hd_mapping mapping;
     double max_speed_m_s;    /* of the device; above it a move is a jump (default 2) */
-    double calm_s;           /* without a fault before the force comes back (default 0.1) */
-    double ramp_s;           /* over which it does (default 0.5) */
     plp_hd_tick_fn on_tick;  /* NULL (default) for none */
     void *on_tick_user;
     plp_hd_clock_fn clock;   /* NULL (default) takes the steady clock; virtual time in tests */
@@ -109,6 +116,11 @@ typedef struct {
     double continuous_force_n;
     double max_stiffness_n_m;
     double max_damping_n_s_m;
+    double max_torque_n_m;   /* of the gimbal; 0, as the three below it, where it renders none or HDAPI does not say */
+    double continuous_torque_n_m;
+    double max_stiffness_n_m_rad;
+    double max_damping_n_m_s_rad;
+    double servo_rate_hz;    /* of HDAPI's scheduler */
     double reach_min_m[3];   /* of the whole workspace, device frame */
     double reach_max_m[3];
     double usable_min_m[3];  /* of the part where forces are good */
@@ -153,11 +165,20 @@ plp_status plp_hd_close(plp_hd *port);
 /* What the device says of itself. info_size is sizeof(plp_hd_info). @thread any */
 plp_status plp_hd_get_info(plp_hd *port, plp_hd_info *info, uint32_t info_size);
 
-/* Gives the port a tool, or none (NULL). When it returns, the servo has let go of the old one, which may then be
- * destroyed. The force ramps in from zero. @thread host */
+/* Says what the device bears, for plp_tool_desc.haptic: what HDAPI tells of it, in the world's units. A world that is s
+ * times the device's size has s times its speed and reach; and where tissue's newtons are multiplied by k on their way to
+ * the device (s under PLP_HD_FORCE_BY_WORK, 1 under PLP_HD_FORCE_AS_FELT), forces and their slew are 1/k, stiffness and
+ * damping 1/(k s) of the device's. What HDAPI does not name is as plp_haptic_desc_init has it. Window, coupling and
+ * PLP_HAPTIC_PASSIVE stay as they are in the desc: fill it with plp_haptic_desc_init first. Map the workspace before.
+ * @thread host */
+plp_status plp_hd_haptic(plp_hd *port, plp_haptic_desc *haptic);
+
+/* Gives the port a tool that was made with plp_tool_desc.haptic, or none (NULL). When it returns, the servo has let go of
+ * the old one, which may then be destroyed. PLP_ERR_STATE for a tool without a haptic device. @thread host */
 plp_status plp_hd_attach(plp_hd *port, plp_tool *tool);
 
-/* Moves the workspace. PLP_ERR_STATE while started. @thread host */
+/* Moves the workspace. With another scale or force rule make the tool anew, by plp_hd_haptic. PLP_ERR_STATE while started.
+ * @thread host */
 plp_status plp_hd_map(plp_hd *port, const plp_hd_mapping *mapping);
 
 /* Enables the force and schedules the servo callback; starts HDAPI's scheduler where no port has. @thread host */

@@ -5,7 +5,6 @@
 
 #include <atomic>
 
-#include "exchange.h"
 #include "mapping.h"
 #include "palpate_hdapi.h"
 #include "periods.h"
@@ -38,12 +37,12 @@ struct plp_hd {
     // Of the ticking thread alone.
     struct Servo {
         bool has_ticked = false, has_seen = false, is_placed = false, is_led = false;
-        double last_s = 0.0, seen_s = 0.0, calm_s = 0.0, gain = 0.0;
+        bool lets_go = false;              // whatever the next tick finds, it asks for no force
+        double last_s = 0.0, seen_s = 0.0, stamp_s = 0.0;
         palpate_hd::Vec3 seen_m{0, 0, 0};  // where the device was last, device frame
-        plp_motion sent{};                 // where the tool was told to be, world frame
+        plp_motion sent{};                 // where the device was told to be, world frame
         std::uint32_t latched = 0;
         std::uint64_t tick = 0;
-        palpate_hd::Exchange exchange;
     } servo;
 
     double now_s() const noexcept;

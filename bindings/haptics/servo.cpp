@@ -16,6 +16,8 @@ constexpr double SMALL_MOVE_M = 0.005;
 constexpr double LONG_GAP_S = 0.05;
 /// After a longer gap the tool is led: a hand goes far in it, and the tool would strike there in one step.
 constexpr double SHORT_GAP_S = 0.01;
+/// Ticks that follow sooner have the stamp of the one before: a step of an encoder in no time would be taken for speed.
+constexpr double SHORT_TICK_S = 1e-4;
 /// While one of these lasts, where the device says it is means nothing.
 constexpr std::uint32_t LOST = PLP_HD_FAULT_NOT_FINITE | PLP_HD_FAULT_DEVICE | PLP_HD_FAULT_CALIBRATION;
 
@@ -78,19 +80,34 @@ void move_tool(plp_hd &port, const Reading &r, double dt_s) noexcept {
     s.is_led = false;
 }
 
-/// Takes the force away at the first fault, and lets it come back slowly after a calm time.
-void follow_faults(plp_hd &port, std::uint32_t faults, double dt_s) noexcept {
+/// What the tool's answer says is wrong.
+std::uint32_t faults_of(plp_status status, const plp_servo &felt) noexcept {
+    std::uint32_t faults = 0;
+    if (status != PLP_OK || felt.flags & (PLP_SERVO_STOPPED | PLP_SERVO_NOT_FINITE)) faults |= PLP_HD_FAULT_TISSUE;
+    if (felt.flags & PLP_SERVO_TOO_FAST) faults |= PLP_HD_FAULT_JUMP;
+    // Before the first step nothing has grown old.
+    if (felt.flags & PLP_SERVO_DECAYING && felt.age_s >= 0.0) faults |= PLP_HD_FAULT_STALE;
+    return faults;
+}
+
+/// Tells the tool where the device is and asks for its force. `is_held` is whether there may be one.
+void exchange(plp_hd &port, plp_tool *tool, bool is_held, plp_hd_tick &t) noexcept {
     plp_hd::Servo &s = port.servo;
-    if (faults != 0) {
-        s.gain = s.calm_s = 0.0;
-        if (faults & (LOST | PLP_HD_FAULT_JUMP | PLP_HD_FAULT_FRAME)) s.is_led = true;
-        return;
-    }
-    if (s.is_led) return;
-    s.calm_s += dt_s;
-    if (s.calm_s < port.desc.calm_s) return;
-    s.gain = port.desc.ramp_s > 0.0 ? s.gain + dt_s / port.desc.ramp_s : 1.0;
-    if (s.gain > 1.0) s.gain = 1.0;
+    if (!(t.time_s - s.stamp_s < SHORT_TICK_S && t.time_s >= s.stamp_s)) s.stamp_s = t.time_s;
+    const plp_haptic_state state{s.sent, s.stamp_s, is_held ? 0u : PLP_HAPTIC_RELEASED, t.buttons};
+    plp_servo felt{};
+    t.status = plp_tool_exchange(tool, &state, &felt);
+    store(vec(felt.force_n), t.force_n);
+    store(vec(felt.torque_n_m), t.torque_n_m);
+    t.tool = felt.tool;
+    t.age_s = felt.age_s;
+    t.latency_s = felt.latency_s;
+    t.sequence = felt.sequence;
+    t.servo_flags = felt.flags;
+    t.faults |= faults_of(t.status, felt);
+    if (felt.age_s >= 0.0) port.ages.add(felt.age_s);
+    // A tool that did not answer has not seen this tick: its force must not come back where it left off.
+    if (t.status < 0) s.lets_go = true;
 }
 
 void count(plp_hd &port, const plp_hd_tick &t) noexcept {
@@ -127,16 +144,14 @@ void run(plp_hd &port) noexcept {
     if (s.has_ticked) port.periods.add(t.period_s);
     s.last_s = t.time_s;
     s.has_ticked = true;
-    // After a gap the ramp and the led tool go on as if it had been short.
+    // After a gap the led tool goes on as if it had been short.
     const double dt_s = t.period_s < SHORT_GAP_S ? t.period_s : SHORT_GAP_S;
     if (t.period_s > SHORT_GAP_S) s.is_led = true;
 
     if (port.asks_resume.exchange(false, std::memory_order_relaxed)) s.latched = 0;
     if (port.has_new_tool.exchange(false, std::memory_order_acquire)) {
-        s.exchange.forget();
         s.is_placed = false;
-        s.gain = 0.0;
-        s.calm_s = port.desc.calm_s; // it is no fault: the ramp begins at once
+        s.lets_go = true; // one that was attached before engages anew as well
     }
 
     hdBeginFrame(port.device);
@@ -146,6 +161,7 @@ void run(plp_hd &port) noexcept {
     store(r.position_m, t.device_position_m);
 
     // The tool stays where it is while nobody knows where the device is, and in the very tick of a jump.
+    if (t.faults & (LOST | PLP_HD_FAULT_JUMP | PLP_HD_FAULT_FRAME)) s.is_led = true;
     if (t.faults & (LOST | PLP_HD_FAULT_JUMP)) {
         store(Vec3{}, s.sent.linear_m_s);
         store(Vec3{}, s.sent.angular_rad_s);
@@ -153,28 +169,21 @@ void run(plp_hd &port) noexcept {
         move_tool(port, r, dt_s);
     }
 
+    // Whatever is wrong on this side of the tool is a dead-man switch that was let go: the tool's own chain then takes the
+    // force away, and brings it back when it may.
+    const bool is_held = t.faults == 0 && !s.is_led && !s.lets_go;
+    s.lets_go = false;
     t.status = PLP_NOTHING;
-    t.motion = s.sent;
+    t.age_s = -1.0;
+    t.motion = t.tool = s.sent;
     plp_tool *const tool = port.tool.load();
-    if (tool && s.is_placed) {
-        const ToolOutput felt = s.exchange(tool, {t.time_s, s.sent, t.buttons});
-        t.status = felt.status;
-        t.sequence = felt.sequence;
-        t.age_s = felt.age_s;
-        store(vec(felt.force_n), t.force_n);
-        store(vec(felt.torque_n_m), t.torque_n_m);
-        if (felt.status != PLP_OK) t.faults |= PLP_HD_FAULT_TISSUE;
-        if (felt.is_stale) t.faults |= PLP_HD_FAULT_STALE;
-        port.ages.add(felt.age_s);
-    }
+    if (tool && s.is_placed) exchange(port, tool, is_held, t);
 
-    follow_faults(port, t.faults, dt_s);
-    t.gain = s.gain;
-    const Vec3 force = at_most(s.gain * port.mapping.force(vec(t.force_n)), port.info.max_force_n);
-    store(force, t.device_force_n);
+    // The tool keeps the limits that it was made with; this holds for one that was made for another device or scale.
+    store(at_most(port.mapping.force(vec(t.force_n)), port.info.max_force_n), t.device_force_n);
     hdSetDoublev(HD_CURRENT_FORCE, t.device_force_n);
     if (port.info.output_dof >= 6) {
-        const Vec3 torque = s.gain * port.mapping.torque(vec(t.torque_n_m));
+        const Vec3 torque = port.mapping.torque(vec(t.torque_n_m));
         if (r.is_good) store(gimbal_torque(r.rotation, r.gimbal_rad, torque), t.gimbal_torque_n_m);
         double gimbal_mn_m[3];
         store(MNM * vec(t.gimbal_torque_n_m), gimbal_mn_m);
@@ -187,7 +196,10 @@ void run(plp_hd &port) noexcept {
     if (t.hd_error == HD_SUCCESS) t.hd_error = late_error;
     t.faults |= fault_of(late_error);
     s.latched |= t.faults & PLP_HD_FAULT_DEVICE;
-    if (fault_of(late_error) != 0) follow_faults(port, t.faults, dt_s);
+    if (const std::uint32_t late = fault_of(late_error)) {
+        s.lets_go = true;
+        if (late & (LOST | PLP_HD_FAULT_FRAME)) s.is_led = true;
+    }
 
     count(port, t);
     port.newest.write(t);

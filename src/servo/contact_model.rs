@@ -24,7 +24,8 @@ pub struct ContactModel {
     pub push: Vec3,
     /// Simulated time, in seconds.
     pub time_s: f64,
-    /// Time between the last two solves on the wall clock, in seconds: how long this model will have to serve.
+    /// Time between the last two solves, in seconds: on the servo's clock where it says the time, on the wall clock otherwise. How long this
+    /// model will have to serve.
     pub period_s: f64,
     /// The servo's own time stamp of the motion that the solve took, in seconds; NaN if there was none. Tells how old a force is from end to end.
     pub stamp_s: f64,

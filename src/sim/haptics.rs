@@ -24,6 +24,8 @@ pub(super) struct Haptics {
     /// Counts models over resets: one that begins anew would be taken for an old one.
     sequence: u64,
     solved_at: Option<Instant>,
+    /// The servo's time of the motion that the last model was made with; NaN before the first.
+    stamp_s: f64,
     heard_at: Option<Instant>,
     is_silent: bool,
     buttons: u32,
@@ -37,6 +39,7 @@ impl Haptics {
             estimator: StiffnessEstimator::new(&options.coupling.limits(device), relaxation_s),
             sequence: 0,
             solved_at: None,
+            stamp_s: f64::NAN,
             heard_at: None,
             is_silent: false,
             buttons: 0,
@@ -61,6 +64,9 @@ impl Haptics {
         let patch = Patch::of(contacts, elasticity, friction);
         let found = self.estimator.update(patch.as_ref(), &asked.motion, &felt.wrench, duration);
         let since = self.solved_at.replace(now).map(|last| now.duration_since(last).as_secs_f64());
+        // On the servo's own clock where it moves on, because the servo fades and ages by that one: a host may let time pass as it likes.
+        let stamped = asked.stamp_s - std::mem::replace(&mut self.stamp_s, asked.stamp_s);
+        let since = if stamped > 0.0 { Some(stamped) } else { since };
         self.sequence += 1;
         ContactModel {
             wrench: felt.wrench,

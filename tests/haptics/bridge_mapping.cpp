@@ -1,5 +1,6 @@
 // The bridge puts the device's workspace into the world, and brings force and torque back so that work is kept.
 #include <cstring>
+#include <initializer_list>
 
 #include "mapping.h"
 #include "scene.h"
@@ -96,15 +97,17 @@ void the_device_feels_the_tissue_in_its_own_axes() {
     plp_hd_desc desc = press_desc();
     desc.mapping = quarter_turn(1.0, PLP_HD_FORCE_BY_WORK);
     Scene scene(desc);
-    scene.run(1.5);
+    scene.run(2.0);
     scene.expect_force();
     const plp_hd_state s = scene.state();
     CHECK(s.last.force_n[2] > 0.2); // jelly pushes the ball up
+    CHECK(s.last.tool.pose.position_m[2] > s.last.motion.pose.position_m[2]); // and the ball hangs back from the hand
     NEAR(s.last.device_force_n[2], s.last.force_n[2], 1e-12);
     NEAR(s.last.device_force_n[0], s.last.force_n[1], 1e-12);
     NEAR(s.last.device_force_n[1], -s.last.force_n[0], 1e-12);
     NEAR(s.last.motion.pose.position_m[2], 0.05 + s.last.device_position_m[2], 1e-12);
-    CHECK(s.last.age_s <= 1.5e-3 && s.last.status == PLP_OK && s.last.sequence > 1000);
+    CHECK(s.last.age_s >= 0.0 && s.last.age_s <= 1.5e-3 && s.last.status == PLP_OK && s.last.sequence > 1000);
+    NEAR(s.last.latency_s, 1e-3, 1e-9); // a step between two ticks
     // And it is the force that holds the hand back: the spring's pull, less what friction takes.
     hd_emulator_truth truth;
     hd_emulator_get_truth(device(), &truth);
@@ -116,31 +119,80 @@ void a_scaled_tool_is_deeper_and_its_force_is_scaled() {
     plp_hd_desc desc = press_desc();
     desc.mapping.scale = 0.5; // 6 mm of tool for 12 mm of hand
     Scene scene(desc);
-    scene.run(1.5);
+    scene.run(2.0);
     const plp_hd_state s = scene.state();
     NEAR(s.last.motion.pose.position_m[2], 0.05 + 0.5 * s.last.device_position_m[2], 1e-12);
     CHECK(s.last.force_n[2] > 0.05);
     NEAR(s.last.device_force_n[2], 0.5 * s.last.force_n[2], 1e-12);
 }
 
-void the_force_ramps_in_and_never_exceeds_the_device() {
-    plp_hd_desc desc = press_desc();
-    static double highest_gain_step, highest_n, last_gain;
-    highest_gain_step = highest_n = last_gain = 0.0;
-    desc.mapping.force_rule = PLP_HD_FORCE_AS_FELT;
-    desc.mapping.scale = 1.5; // hard pressed
-    desc.on_tick = [](void *, const plp_hd_tick *t) {
-        highest_gain_step = std::fmax(highest_gain_step, t->gain - last_gain);
-        last_gain = t->gain;
-        highest_n = std::fmax(highest_n, length(t->device_force_n));
-        CHECK(std::isfinite(length(t->device_force_n)));
-    };
-    Scene scene(desc);
-    hd_emulator_device weak;
-    hd_emulator_device_init(&weak);
-    scene.run(1.5);
-    NEAR(highest_gain_step, 1e-3 / desc.ramp_s, 1e-9);
-    CHECK(last_gain == 1.0 && highest_n <= 3.3 + 1e-12 && highest_n > 0.3);
+void what_a_device_bears_is_told_in_the_units_of_the_world() {
+    const double scales[3] = {0.5, 1.0, 3.0};
+    for (const double s : scales) {
+        for (const uint32_t rule : {PLP_HD_FORCE_BY_WORK, PLP_HD_FORCE_AS_FELT}) {
+            const double k = rule == PLP_HD_FORCE_BY_WORK ? s : 1.0;
+            hd_emulator_reset();
+            plp_hd *port = nullptr;
+            plp_hd_desc desc = press_desc();
+            desc.mapping = quarter_turn(s, rule);
+            HD_ANSWERS(PLP_OK, plp_hd_open(&desc, &port));
+            plp_haptic_desc world = plp_haptic_desc_default();
+            world.window_s = 3.0; // is the host's to say
+            HD_ANSWERS(PLP_OK, plp_hd_haptic(port, &world));
+            NEAR(k * world.max_force_n, 3.3, 1e-12);
+            NEAR(k * world.continuous_force_n, 0.88, 1e-12);
+            NEAR(k * world.slew_n_s, 1000.0, 1e-9);
+            // A device metre is s metres of the world, and a newton of the world k of the device.
+            NEAR(k * s * world.max_stiffness_n_m, 500.0, 1e-9);
+            NEAR(k * s * world.max_damping_n_s_m, 5.0, 1e-9);
+            NEAR(world.max_speed_m_s, 2.0 * s, 1e-12);
+            NEAR(world.workspace_m[0], 0.210 * s, 1e-12);
+            CHECK(world.servo_rate_hz == 1000.0 && world.max_torque_n_m == 0.0 && world.window_s == 3.0);
+            CHECK((world.flags & PLP_HAPTIC_BALL) == 0 && (world.flags & PLP_HAPTIC_PASSIVE) != 0);
+            const plp_haptic_desc once = world;
+            HD_ANSWERS(PLP_OK, plp_hd_haptic(port, &world));
+            CHECK(std::memcmp(&once, &world, sizeof world) == 0);
+
+            // And such a device is one that a tool can have.
+            plp_model *model = coarse_block();
+            plp_sim *sim = simulation(model);
+            ANSWERS(PLP_OK, plp_tool_destroy(ball_of(sim, &world)));
+            ANSWERS(PLP_OK, plp_sim_destroy(sim));
+            ANSWERS(PLP_OK, plp_model_destroy(model));
+            HD_ANSWERS(PLP_OK, plp_hd_close(port));
+        }
+    }
+}
+
+void the_force_never_exceeds_the_device_whatever_the_scale() {
+    for (const uint32_t rule : {PLP_HD_FORCE_BY_WORK, PLP_HD_FORCE_AS_FELT}) {
+        plp_hd_desc desc = press_desc();
+        static double highest_n, fastest_n, last_n;
+        highest_n = fastest_n = last_n = 0.0;
+        desc.mapping.force_rule = rule;
+        desc.mapping.scale = 1.5; // hard pressed
+        desc.on_tick = [](void *, const plp_hd_tick *t) {
+            const double now_n = length(t->device_force_n);
+            CHECK(std::isfinite(now_n));
+            highest_n = std::fmax(highest_n, now_n);
+            fastest_n = std::fmax(fastest_n, now_n - last_n);
+            last_n = now_n;
+        };
+        Scene scene(desc);
+        scene.run(1.5);
+        CHECK(highest_n <= 3.3 + 1e-12 && highest_n > 0.3 && fastest_n <= 1.0 + 1e-9);
+    }
+}
+
+void a_tool_that_no_device_can_hold_is_refused() {
+    Scene scene;
+    plp_tool *bare = ball(scene.sim);
+    HD_ANSWERS(PLP_ERR_STATE, plp_hd_attach(scene.port, bare));
+    CHECK(std::strstr(plp_hd_last_error(), "plp_hd_haptic"));
+    ANSWERS(PLP_OK, plp_tool_destroy(bare));
+    HD_ANSWERS(PLP_ERR_NULL, plp_hd_haptic(scene.port, nullptr));
+    plp_haptic_desc unfilled{};
+    HD_ANSWERS(PLP_ERR_STRUCT_SIZE, plp_hd_haptic(scene.port, &unfilled));
 }
 
 void a_six_axis_device_gets_its_torque_in_millinewton_metres() {
@@ -162,25 +214,32 @@ void a_six_axis_device_gets_its_torque_in_millinewton_metres() {
     HD_ANSWERS(PLP_OK, plp_hd_open(&desc, &scene.port));
     HD_ANSWERS(PLP_OK, plp_hd_get_info(scene.port, &info, sizeof info));
     CHECK(info.output_dof == 6);
+    NEAR(info.max_torque_n_m, 0.515, 1e-12);
+    NEAR(info.continuous_torque_n_m, 0.188, 1e-12);
+    plp_haptic_desc haptic = plp_haptic_desc_default();
+    HD_ANSWERS(PLP_OK, plp_hd_haptic(scene.port, &haptic));
+    CHECK(haptic.max_torque_n_m == info.max_torque_n_m && haptic.max_stiffness_n_m_rad == info.max_stiffness_n_m_rad);
     plp_tool_part part = plp_sphere(0.008);
     part.pose.position_m[0] = 0.01;
     plp_tool_desc how = plp_tool_desc_default();
     plp_tool *lever = nullptr;
     how.parts = &part;
     how.part_count = 1;
+    how.haptic = &haptic;
     ANSWERS(PLP_OK, plp_tool_create(scene.sim, &how, &lever));
     HD_ANSWERS(PLP_OK, plp_hd_attach(scene.port, lever));
     HD_ANSWERS(PLP_OK, plp_hd_start(scene.port));
     hd_emulator_set_hand(
         device(),
         [](void *, double time_s, hd_emulator_target *target) {
-            target->position_m[2] = time_s < 0.5 ? -0.024 * time_s : -0.012;
+            const double pressed_s = std::fmax(time_s - 0.7, 0.0);
+            target->position_m[2] = pressed_s < 0.5 ? -0.024 * pressed_s : -0.012;
             target->angles_rad[2] = 0.3;
         },
         nullptr);
-    scene.run(1.5);
+    scene.run(2.2);
     const plp_hd_state s = scene.state();
-    CHECK(s.faults == 0 && s.last.gain == 1.0 && s.last.force_n[2] > 0.1);
+    CHECK(s.faults == 0 && (s.last.servo_flags & HELD_BACK) == 0 && s.last.force_n[2] > 0.1);
     // The stylus is turned about the press alone: pitch and yaw share the torque by that angle.
     hd_emulator_truth truth;
     hd_emulator_get_truth(device(), &truth);
@@ -233,7 +292,9 @@ int main() {
     gimbal_torques_do_the_work_of_the_torque();
     the_device_feels_the_tissue_in_its_own_axes();
     a_scaled_tool_is_deeper_and_its_force_is_scaled();
-    the_force_ramps_in_and_never_exceeds_the_device();
+    what_a_device_bears_is_told_in_the_units_of_the_world();
+    the_force_never_exceeds_the_device_whatever_the_scale();
+    a_tool_that_no_device_can_hold_is_refused();
     a_six_axis_device_gets_its_torque_in_millinewton_metres();
     settings_that_are_none_are_refused();
     hd_emulator_reset();

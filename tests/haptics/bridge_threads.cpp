@@ -20,7 +20,7 @@ plp_hd_state state_of(plp_hd *port) {
 struct Running {
     plp_model *model = coarse_block();
     plp_sim *sim = simulation(model);
-    plp_tool *tool = ball(sim);
+    plp_tool *tool = nullptr;
     plp_hd *port = nullptr;
     std::atomic<bool> is_done{false};
     std::thread stepper;
@@ -30,7 +30,8 @@ struct Running {
         plp_hd_desc desc = press_desc();
         desc.clock = nullptr;
         HD_ANSWERS(PLP_OK, plp_hd_open(&desc, &port));
-        const hd_emulator_motion motion = press_motion();
+        tool = ball_for(sim, port);
+        const hd_emulator_motion motion = press_motion(0.0);
         hd_emulator_set_motion(device(), &motion);
         HD_ANSWERS(PLP_OK, plp_hd_attach(port, tool));
         HD_ANSWERS(PLP_OK, plp_hd_start(port));

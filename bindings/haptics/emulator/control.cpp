@@ -119,7 +119,7 @@ void hd_emulator_set_hand(HHD hHD, hd_emulator_hand_fn hand, void *user) {
 }
 
 void hd_emulator_motion_init(hd_emulator_motion *motion, int kind) {
-    *motion = {kind, {0, 0, 0}, {0, 0, -1}, 0.020, 0.05, 0.5, {0.02, 0, 0}, 0.5e-3, 9.0, 1};
+    *motion = {kind, {0, 0, 0}, {0, 0, -1}, 0.020, 0.05, 0.5, {0.02, 0, 0}, 0.5e-3, 9.0, 1, 0.0};
     if (kind == HD_EMULATOR_RANDOM) {
         motion->amplitude_m = 0.02;
         motion->frequency_hz = 1.0;

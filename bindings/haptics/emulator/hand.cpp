@@ -134,7 +134,7 @@ void Hand::scripted(double time_s, hd_emulator_target *target) const {
     const double across_m = m.kind == HD_EMULATOR_DRAG ? std::hypot(m.drag_m[0], m.drag_m[1], m.drag_m[2]) : 0.0;
     const double across_s = duration_of(across_m, m.speed_m_s);
     const double cycle_s = 2.0 * (in_s + m.hold_s + across_s);
-    const double t = cycle_s > 0.0 ? std::fmod(time_s, cycle_s) : 0.0;
+    const double t = cycle_s > 0.0 && time_s > m.wait_s ? std::fmod(time_s - m.wait_s, cycle_s) : 0.0;
 
     double depth = 0.0, depth_rate = 0.0, out = 0.0, out_rate = 0.0;
     travel(m.travel_m, m.speed_m_s, t, &depth, &depth_rate);

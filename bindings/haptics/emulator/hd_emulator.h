@@ -95,6 +95,7 @@ typedef struct {
     double amplitude_m;
     double frequency_hz;
     uint64_t seed;
+    double wait_s;       /* PRESS, DRAG, TREMOR: begins at this time of hd_emulator_time_s (default 0) */
 } hd_emulator_motion;
 HDAPI void hd_emulator_motion_init(hd_emulator_motion *motion, int kind);
 HDAPI void hd_emulator_set_motion(HHD hHD, const hd_emulator_motion *motion);

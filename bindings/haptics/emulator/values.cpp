@@ -93,6 +93,11 @@ Value of_device(const State &s, const Device &d, HDenum name) {
     case HD_NOMINAL_MAX_STIFFNESS: return {REAL, 0.5};
     case HD_NOMINAL_MAX_DAMPING: return {REAL, 0.005};
     case HD_NOMINAL_MAX_FORCE: return {REAL, d.desc.max_force_n};
+    // A driven gimbal of the desktop class; a free one has no such values.
+    case HD_NOMINAL_MAX_TORQUE_FORCE: return d.desc.output_dof < 6 ? Value() : Value(REAL, 515.0);
+    case HD_NOMINAL_MAX_TORQUE_CONTINUOUS_FORCE: return d.desc.output_dof < 6 ? Value() : Value(REAL, 188.0);
+    case HD_NOMINAL_MAX_TORQUE_STIFFNESS: return d.desc.output_dof < 6 ? Value() : Value(REAL, 1000.0);
+    case HD_NOMINAL_MAX_TORQUE_DAMPING: return d.desc.output_dof < 6 ? Value() : Value(REAL, 5.0);
     case HD_NOMINAL_MAX_CONTINUOUS_FORCE: return {REAL, d.desc.continuous_force_n};
     case HD_SOFTWARE_VELOCITY_LIMIT: return {REAL, MM * d.speed_limit_m_s};
     case HD_MOTOR_TEMPERATURE: {

@@ -500,7 +500,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         } else {
             came = moved;
         }
-        if (diverged_at <= pass.substep) return;
+        // All leave or none: bricks that advance meanwhile may diverge while this is looked at.
+        if (__syncthreads_or(diverged_at <= pass.substep)) return;
         if (first == 0) {
             __syncthreads();
             // By the last threads, for the first ones have most to do.

@@ -4,7 +4,7 @@ use std::ffi::c_void;
 
 use super::boundary::{Desc, boundary, check_output, init_desc, read_desc, write_output};
 use super::convert::check_bits;
-use super::sim::with_sim;
+use super::sim::{with_any_sim, with_sim};
 use super::status::{PLP_NOTHING, PLP_OK, plp_status};
 use super::types::*;
 use crate::sim::{Event, Hook, ThreadDesc, ToolId};
@@ -81,7 +81,8 @@ pub unsafe extern "C" fn plp_sim_poll_event(
     event_size: u32,
 ) -> plp_status {
     boundary(|| {
-        with_sim(sim, |body| {
+        // Also where the device is lost or the thread broke: that is what there is to read.
+        with_any_sim(sim, |body| {
             check_output(event, event_size)?;
             let Some(found) = body.sim.poll_event() else { return Ok(PLP_NOTHING) };
             // SAFETY: checked above; the host offers `event_size` bytes.

@@ -67,15 +67,23 @@ pub(super) fn with_sim(
     sim: *const plp_sim,
     call: impl FnOnce(&mut SimBody) -> Result<plp_status, Fault>,
 ) -> Result<plp_status, Fault> {
+    with_any_sim(sim, |body| {
+        body.remove_departed();
+        body.sim.check()?;
+        call(body)
+    })
+}
+
+/// As [`with_sim`], on a lost device too.
+pub(super) fn with_any_sim(
+    sim: *const plp_sim,
+    call: impl FnOnce(&mut SimBody) -> Result<plp_status, Fault>,
+) -> Result<plp_status, Fault> {
     let mut body = handle::hold(sim).map_err(handle::fault::<plp_sim>)?;
     if body.link.is_poisoned() {
         return Err(Fault::new(PLP_ERR_POISONED, "an earlier call broke this simulation; destroy it"));
     }
-    let done = catch_unwind(AssertUnwindSafe(|| {
-        body.remove_departed();
-        body.sim.check()?;
-        call(&mut body)
-    }));
+    let done = catch_unwind(AssertUnwindSafe(|| call(&mut body)));
     done.unwrap_or_else(|panic| {
         body.link.poison();
         Err(panic_fault(panic.as_ref()))

@@ -647,15 +647,17 @@ impl Solver for CudaSolver {
 
     fn set_laws(&mut self, laws: &[CellLaw; 16], stable_dt: f64) -> Result<()> {
         let asked = self.body.asks_for();
-        self.body.laws = *laws;
-        self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
+        let before = std::mem::replace(&mut self.body.laws, *laws);
         let (volumetric, damped) = self.body.asks_for();
         if (volumetric, damped) != asked {
+            // What may fail for lack of room comes first.
+            let loaded = self.state.keep_velocities(damped, &self.stream);
+            let loaded = loaded.and_then(|()| Kernels::load(&self.stream.device, volumetric, damped));
             // Recorded steps name the kernels, and are done.
             self.graphs.clear();
-            self.kernels = Kernels::load(&self.stream.device, volumetric, damped)?;
-            self.state.keep_velocities(damped, &self.stream)?;
+            self.kernels = loaded.inspect_err(|_| self.body.laws = before)?;
         }
+        self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
         self.change(stable_dt)
     }
 

@@ -31,6 +31,8 @@ pub struct ContactModel {
     pub stamp_s: f64,
     /// Counts the tool's models; 0 before the first.
     pub sequence: u64,
+    /// Counts how often the tissue was not the same any more, as after a reset: the tool then engages anew.
+    pub epoch: u64,
 }
 
 /// Share of the normal force below which a leaving tool's friction and torque fade as well.
@@ -53,6 +55,7 @@ impl ContactModel {
             period_s: 0.0,
             stamp_s: f64::NAN,
             sequence: 0,
+            epoch: 0,
         }
     }
 

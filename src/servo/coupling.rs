@@ -102,6 +102,11 @@ impl VirtualCoupling {
                 )));
             }
         }
+        if desc.has_torque() && self.stiffness_n_m_per_rad == 0.0 {
+            return Err(Error::argument(
+                "a device that renders torque needs torsional stiffness in its coupling",
+            ));
+        }
         if self.stiffness_n_per_m == 0.0 {
             return Err(Error::argument("a coupling without stiffness holds nothing"));
         }

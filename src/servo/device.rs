@@ -110,6 +110,9 @@ impl DeviceDesc {
         for (name, value) in not_below_zero {
             require(value.is_finite() && value >= 0.0, || format!("{name} must be 0 or more, not {value}"))?;
         }
+        require(!self.has_torque() || self.max_stiffness.angular > 0.0, || {
+            "a device that renders torque renders some torsional stiffness, which must be above 0".into()
+        })?;
         for (name, continuous, largest) in [
             ("force", self.continuous_force_n, self.max_force_n),
             ("torque", self.continuous_torque_n_m, self.max_torque_n_m),

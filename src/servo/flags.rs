@@ -9,11 +9,11 @@ pub struct Flags(pub u32);
 impl Flags {
     /// Nothing happened.
     pub const NONE: Self = Self(0);
-    /// The motion, the time stamp or the contact model was not finite: no force, until the tool engages again.
+    /// The motion, the time stamp or the contact model was not finite, or time went backwards or stood still: no force, until the tool engages again.
     pub const NOT_FINITE: Self = Self(1);
-    /// The servo loop paused, or its time went backwards: no force, until the tool engages again.
+    /// The servo loop paused: no force, until the tool engages again.
     pub const PAUSED: Self = Self(1 << 1);
-    /// The simulation is gone or has failed: no force, until the tool engages again.
+    /// The simulation is gone, has failed or was reset: no force, until the tool engages again.
     pub const STOPPED: Self = Self(1 << 2);
     /// The newest contact model is old: the last force is held and no longer follows the tool.
     pub const HELD: Self = Self(1 << 3);

@@ -113,6 +113,8 @@ pub struct Output {
     pub wrench: Wrench,
     /// The tool's motion, for the physics.
     pub tool: ToolMotion,
+    /// Whether it is one: the device has said where it is.
+    pub is_placed: bool,
     /// What happened to the force.
     pub flags: Flags,
 }
@@ -148,8 +150,11 @@ pub struct Servo {
     proxy: Option<Proxy>,
     observer: Observer,
     chain: SafetyChain,
-    /// The last motion that was one.
+    /// The last motion that was one, and whether there was any.
     motion: ToolMotion,
+    is_placed: bool,
+    /// That of the newest model: another one, and what was engaged with is no more.
+    epoch: u64,
     statistics: ServoStatistics,
 }
 
@@ -168,12 +173,14 @@ impl Servo {
         Ok(Self {
             desc: *desc,
             options: *options,
-            clock: Clock::default(),
+            clock: Clock::new(desc.tick_s()),
             follower: Follower::new(desc.tick_s()),
             proxy,
             observer: Observer::default(),
             chain: SafetyChain::new(desc),
             motion,
+            is_placed: false,
+            epoch: 0,
             statistics: ServoStatistics { age_s: f64::INFINITY, ..ServoStatistics::default() },
         })
     }
@@ -185,10 +192,12 @@ impl Servo {
         let is_motion = device.motion.is_valid();
         // A device that says nonsense is where it last was, and stands.
         self.motion = if is_motion { device.motion } else { ToolMotion::at(self.motion.pose) };
+        self.is_placed |= is_motion;
         if tick == Tick::Fresh {
             self.restart();
         }
 
+        let is_same = std::mem::replace(&mut self.epoch, newest.epoch) == newest.epoch;
         let is_model = self.follow(newest, device.stamp_s);
         self.observer.look(&self.motion);
         let dt = match tick {
@@ -205,7 +214,7 @@ impl Servo {
             age_s: self.follower.age_s(self.clock.now_s()),
             period_s: self.follower.newest().period_s,
             is_finite: is_motion && is_model,
-            is_live,
+            is_live: is_live && is_same,
             is_held: device.is_held,
         });
         if flags.intersects(DISENGAGING) {
@@ -214,7 +223,7 @@ impl Servo {
         self.observer.render(&self.motion, &wrench);
         self.count(tick);
         let tool = self.proxy.as_ref().map_or(self.motion, |proxy| *proxy.motion());
-        Output { wrench, tool, flags: flags | damped }
+        Output { wrench, tool, is_placed: self.is_placed, flags: flags | damped }
     }
 
     /// How the loop has done so far.

@@ -12,7 +12,7 @@ use crate::model::{Fix, Model};
 const ANY_CELLS: f64 = 0.55;
 
 /// The simulation's own copy of what can change.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Body {
     pub materials: Vec<Material>,
     pub laws: [CellLaw; 16],

@@ -62,6 +62,37 @@ pub(super) struct Driver {
     thread: Option<JoinHandle<()>>,
 }
 
+/// What the thread does next.
+enum Turn {
+    Step,
+    StepAfterPause,
+    Stop,
+}
+
+impl Control {
+    /// Waits until a step is due, and while it is paused.
+    fn wait(&self, due: Option<Instant>) -> Turn {
+        let mut order = self.order.lock();
+        let mut was_paused = false;
+        loop {
+            match *order {
+                Order::Stop => return Turn::Stop,
+                Order::Pause => {
+                    was_paused = true;
+                    self.changed.wait(&mut order);
+                }
+                Order::Run if was_paused => return Turn::StepAfterPause,
+                Order::Run => match due {
+                    Some(due) if Instant::now() < due => {
+                        self.changed.wait_until(&mut order, due);
+                    }
+                    _ => return Turn::Step,
+                },
+            }
+        }
+    }
+}
+
 impl Driver {
     /// Starts stepping.
     pub fn start(state: Arc<Mutex<Option<State>>>, step_s: f64, desc: ThreadDesc) -> Result<Self> {
@@ -133,21 +164,23 @@ impl Drop for Driver {
 /// Steps until it is told to stop.
 fn run(control: &Control, state: &Mutex<Option<State>>, mut pace: Pace) {
     pace.begin(Instant::now());
+    let mut was_held = false;
     loop {
-        {
-            let mut order = control.order.lock();
-            if *order == Order::Pause {
-                while *order == Order::Pause {
-                    control.changed.wait(&mut order);
-                }
-                pace.begin(Instant::now());
-            }
-            if *order == Order::Stop {
-                return;
-            }
-        }
+        was_held |= match control.wait(pace.due()) {
+            Turn::Step => false,
+            Turn::StepAfterPause => true,
+            Turn::Stop => return,
+        };
         let mut guard = state.lock();
+        // Who has paused it, and then asked it something, knows that no step follows.
+        if *control.order.lock() != Order::Run {
+            continue;
+        }
         let Some(sim) = guard.as_mut() else { return };
+        if std::mem::take(&mut was_held) {
+            pace.begin(Instant::now());
+            sim.forget_ways();
+        }
         if sim.step(Instant::now()).is_err() {
             // What went wrong was told; the owner resets it and goes on, or gives it up.
             let mut order = control.order.lock();
@@ -155,22 +188,13 @@ fn run(control: &Control, state: &Mutex<Option<State>>, mut pace: Pace) {
                 *order = Order::Pause;
             }
         }
-        let wait = match pace.after_step(Instant::now()) {
-            Lag::Early(wait) => wait,
-            Lag::Late => {
-                sim.note_late(None);
-                Duration::ZERO
-            }
-            Lag::Lost(dropped) => {
-                sim.note_late(Some(dropped.as_secs_f64()));
-                Duration::ZERO
-            }
-        };
+        match pace.after_step(Instant::now()) {
+            Lag::Early => {}
+            Lag::Late => sim.note_late(None),
+            Lag::Lost(dropped) => sim.note_late(Some(dropped.as_secs_f64())),
+        }
         // The owner and renderers get their turn between two steps even where there is no pause.
         MutexGuard::unlock_fair(guard);
-        if !wait.is_zero() {
-            std::thread::sleep(wait);
-        }
     }
 }
 
@@ -185,8 +209,8 @@ struct Pace {
 /// How a step ended.
 #[derive(Debug, PartialEq, Eq)]
 enum Lag {
-    /// So long before the next one is due.
-    Early(Duration),
+    /// Before the next one is due.
+    Early,
     /// After that: the next follows at once.
     Late,
     /// So late that this much time was let go.
@@ -215,7 +239,12 @@ impl Pace {
             return Lag::Lost(late);
         }
         self.due = Some(due);
-        if late.is_zero() && now < due { Lag::Early(due - now) } else { Lag::Late }
+        if now < due { Lag::Early } else { Lag::Late }
+    }
+
+    /// When the next step begins.
+    fn due(&self) -> Option<Instant> {
+        self.due
     }
 }
 
@@ -229,14 +258,15 @@ mod tests {
         let start = Instant::now();
         let mut pace = Pace::new(1e-3, 20e-3);
         pace.begin(start);
-        assert_eq!(pace.after_step(start + ms(1) / 4), Lag::Early(ms(1) * 3 / 4));
+        assert_eq!(pace.after_step(start + ms(1) / 4), Lag::Early);
+        assert_eq!(pace.due(), Some(start + ms(1)));
         // Ten milliseconds go by: the next steps follow without a pause until the clock is caught up with.
         assert_eq!(pace.after_step(start + ms(12)), Lag::Late);
         for step in 3..12 {
             assert_eq!(pace.after_step(start + ms(12)), Lag::Late, "step {step}");
         }
         assert_eq!(pace.after_step(start + ms(12)), Lag::Late, "on the very deadline");
-        assert_eq!(pace.after_step(start + ms(12)), Lag::Early(ms(1)));
+        assert_eq!((pace.after_step(start + ms(12)), pace.due()), (Lag::Early, Some(start + ms(13))));
     }
 
     #[test]
@@ -246,6 +276,6 @@ mod tests {
         let mut pace = Pace::new(1e-3, 20e-3);
         pace.begin(start);
         assert_eq!(pace.after_step(start + ms(50)), Lag::Lost(ms(49)));
-        assert_eq!(pace.after_step(start + ms(50)), Lag::Early(ms(1)), "from here on as if nothing had been");
+        assert_eq!(pace.after_step(start + ms(50)), Lag::Early, "from here on as if nothing had been");
     }
 }

@@ -1,5 +1,7 @@
 //! What a simulation tells its owner unasked.
 
+use std::time::{Duration, Instant};
+
 use super::ToolId;
 use crate::channel::ring::Producer;
 
@@ -23,7 +25,7 @@ pub enum Event {
     FellBehind {
         /// Simulated time, in seconds.
         time_s: f64,
-        /// How much time was let go, in seconds.
+        /// How much time was let go since that was last told, in seconds.
         dropped_s: f64,
     },
     /// The servo of a device has not been heard of for a while: the tool stands where it was.
@@ -50,15 +52,32 @@ pub(super) struct Events {
     ring: Producer<Event>,
     /// Those that found no room.
     pub dropped: u64,
+    /// When falling behind was told last, and time that was let go since.
+    told_at: Option<Instant>,
+    let_go_s: f64,
 }
+
+/// Falling behind is told no more often than this.
+const BETWEEN: Duration = Duration::from_millis(500);
 
 impl Events {
     pub fn new(ring: Producer<Event>) -> Self {
-        Self { ring, dropped: 0 }
+        Self { ring, dropped: 0, told_at: None, let_go_s: 0.0 }
     }
 
     /// Tells an event, or counts it where nobody has read the others.
     pub fn tell(&mut self, event: Event) {
         self.dropped += u64::from(self.ring.push(event).is_err());
+    }
+
+    /// Tells that time was let go, with what was let go since that was told last.
+    pub fn fell_behind(&mut self, time_s: f64, dropped_s: f64) {
+        self.let_go_s += dropped_s;
+        let now = Instant::now();
+        if self.told_at.is_none_or(|told| now.duration_since(told) >= BETWEEN) {
+            self.told_at = Some(now);
+            let dropped_s = std::mem::take(&mut self.let_go_s);
+            self.tell(Event::FellBehind { time_s, dropped_s });
+        }
     }
 }

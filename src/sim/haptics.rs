@@ -23,6 +23,7 @@ pub(super) struct Haptics {
     estimator: StiffnessEstimator,
     /// Counts models over resets: one that begins anew would be taken for an old one.
     sequence: u64,
+    epoch: u64,
     solved_at: Option<Instant>,
     /// The servo's time of the motion that the last model was made with; NaN before the first.
     stamp_s: f64,
@@ -38,6 +39,7 @@ impl Haptics {
         Self {
             estimator: StiffnessEstimator::new(&options.coupling.limits(device), relaxation_s),
             sequence: 0,
+            epoch: 0,
             solved_at: None,
             stamp_s: f64::NAN,
             heard_at: None,
@@ -78,14 +80,17 @@ impl Haptics {
             period_s: since.unwrap_or(duration),
             stamp_s: asked.stamp_s,
             sequence: self.sequence,
+            epoch: self.epoch,
         }
     }
 
-    /// Nothing is touched any more.
+    /// Nothing is touched any more, or not what was: the servo engages anew.
     pub fn release(&mut self, motion: &crate::solver::tool::ToolMotion) -> ContactModel {
         self.estimator.reset();
         self.sequence += 1;
-        ContactModel { motion: *motion, sequence: self.sequence, ..ContactModel::none() }
+        self.epoch += 1;
+        let (sequence, epoch) = (self.sequence, self.epoch);
+        ContactModel { motion: *motion, sequence, epoch, ..ContactModel::none() }
     }
 
     /// Listens to the servo at a step: whether it has just fallen silent, and buttons that have changed.

@@ -16,7 +16,6 @@ use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
 use crate::model::material::Material;
 use crate::model::{Fix, Model, energy};
-use crate::servo::contact_model::ContactModel;
 use crate::servo::device::DeviceDesc;
 use crate::servo::{Servo, ServoOptions};
 use crate::solver::load::NodalLoads;
@@ -162,7 +161,7 @@ impl State {
             return Err(self.note_divergence());
         }
         self.statistics.steps += 1;
-        self.publish_forces(dt * f64::from(substeps))?;
+        self.publish_forces(dt * f64::from(substeps), false)?;
         let wall = asked.elapsed().as_secs_f64();
         self.latency.note(wall);
         self.statistics.step_device_s = self.report.device_s;
@@ -178,6 +177,7 @@ impl State {
         let mut taken = 0;
         let mut left = f64::INFINITY;
         let mut before = Vec::new();
+        self.disengage();
         while taken < max_substeps && left > tolerance {
             let (_, dt) = self.note_substeps();
             let block = u64::from(SETTLE_BLOCK).min(max_substeps - taken) as u32;
@@ -186,7 +186,7 @@ impl State {
             // What a node gains in one more substep is by all that acts on it, loads and contact too.
             self.solver.velocities(&mut before);
             self.settle_for(1, dt, false)?;
-            self.publish_forces(dt)?;
+            self.publish_forces(dt, true)?;
             taken += u64::from(block) + 1;
             left = self.solver.largest_change(&before) / dt;
         }
@@ -241,9 +241,17 @@ impl State {
     /// Gives a material index other properties.
     pub fn set_material(&mut self, index: u8, material: &Material) -> Result<()> {
         self.check()?;
-        self.body.set_material(&self.model, index, material)?;
-        let changed = self.solver.set_laws(&self.body.laws, self.body.stable_dt);
+        let mut body = self.body.clone();
+        body.set_material(&self.model, index, material)?;
+        let needed = self.desc.step_s / (SAFETY * body.stable_dt);
+        if needed > f64::from(MAX_SUBSTEPS) {
+            return Err(Error::Limit(format!(
+                "a step would need {needed:.0} substeps, more than {MAX_SUBSTEPS}"
+            )));
+        }
+        let changed = self.solver.set_laws(&body.laws, body.stable_dt);
         self.heed(changed)?;
+        self.body = body;
         self.statistics.stable_substep_s = self.body.stable_dt;
         Ok(())
     }
@@ -514,8 +522,23 @@ impl State {
         Ok(())
     }
 
+    /// The tissue changes otherwise than by steps in time: what a device feels begins anew.
+    fn disengage(&mut self) {
+        for tool in &mut self.tools {
+            tool.disengage(self.statistics.time_s, self.statistics.steps);
+        }
+    }
+
+    /// After a pause tools are where they are now, and have not swept the way there.
+    pub fn forget_ways(&mut self) {
+        for tool in &mut self.tools {
+            let newest = *tool.asked.read().0;
+            tool.stands = newest.or(tool.stands);
+        }
+    }
+
     /// Gives each tool the mean wrench of the step, and those with a device what their servo needs. World frame.
-    fn publish_forces(&mut self, duration: f64) -> Result<()> {
+    fn publish_forces(&mut self, duration: f64, settling: bool) -> Result<()> {
         let (frame, now) = (self.model.frame(), Instant::now());
         for (planned, (&index, sum)) in self.planned.iter().zip(&self.sums).enumerate() {
             let tool = &mut self.tools[index];
@@ -529,8 +552,8 @@ impl State {
                 time_s: self.statistics.time_s,
                 sequence: self.statistics.steps,
             };
-            let Some(haptics) = &mut tool.haptics else {
-                tool.felt.publish(Felt { force, model: ContactModel::none() });
+            let Some(haptics) = tool.haptics.as_mut().filter(|_| !settling) else {
+                tool.publish_force(force);
                 continue;
             };
             let touched = &mut self.touched;
@@ -553,7 +576,7 @@ impl State {
         self.statistics.overruns += 1;
         if let Some(dropped_s) = dropped_s {
             self.statistics.dropped_s += dropped_s;
-            self.events.tell(Event::FellBehind { time_s: self.statistics.time_s, dropped_s });
+            self.events.fell_behind(self.statistics.time_s, dropped_s);
         }
     }
 

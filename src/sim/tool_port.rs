@@ -52,6 +52,8 @@ pub(super) struct ToolEnd {
     pub stands: Option<Asked>,
     /// Nodes that it holds: slots, and where they are in its frame, in m.
     pub grasped: Arc<[(u32, Vec3)]>,
+    /// The model that goes with forces that no device shall feel.
+    idle: ContactModel,
     /// What a device's servo needs to know; `None` where there is no device.
     pub haptics: Option<Haptics>,
     is_running: Arc<AtomicBool>,
@@ -85,6 +87,7 @@ pub(super) fn open(
         felt,
         stands: None,
         grasped: Arc::new([]),
+        idle: ContactModel::none(),
         haptics,
         is_running: is_running.clone(),
         has_failed: has_failed.clone(),
@@ -129,8 +132,9 @@ impl ToolPort {
         let Felt { force, model } = self.felt.read().0;
         let output = servo.tick(device, model, is_live);
         let exchange = Exchange { output, time_s: force.time_s, sequence: force.sequence, is_live };
-        if output.tool.is_valid() {
-            self.asked.publish(Some(Asked { motion: output.tool, stamp_s: device.stamp_s, buttons }));
+        if output.is_placed && output.tool.is_valid() {
+            let motion = output.tool;
+            self.asked.publish(Some(Asked { motion, stamp_s: device.stamp_s, buttons }));
         }
         Some(exchange)
     }
@@ -179,10 +183,23 @@ impl ToolEnd {
         self.has_left.load(Ordering::Relaxed)
     }
 
+    /// Publishes a force without a contact model: for a tool without a device, or one whose device shall not feel it.
+    pub(super) fn publish_force(&mut self, force: ToolForce) {
+        self.felt.publish(Felt { force, model: self.idle });
+    }
+
+    /// Has a device feel nothing until it engages anew.
+    pub(super) fn disengage(&mut self, time_s: f64, sequence: u64) {
+        if self.haptics.is_some() {
+            self.release(time_s, sequence, self.has_failed.load(Ordering::Relaxed));
+        }
+    }
+
     /// Lets go: publishes no force, and says whether that is because the simulation failed.
     pub(super) fn release(&mut self, time_s: f64, sequence: u64, has_failed: bool) {
         let motion = self.stands.map_or(ToolMotion::at(Pose::identity()), |asked| asked.motion);
         let model = self.haptics.as_mut().map_or(ContactModel::none(), |haptics| haptics.release(&motion));
+        self.idle = model;
         let force = ToolForce { wrench: Wrench::default(), motion, time_s, sequence };
         self.felt.publish(Felt { force, model });
         self.has_failed.store(has_failed, Ordering::Relaxed);

@@ -32,7 +32,7 @@ impl Host {
             physics: Physics::new(SOFT, Says::Stiffness { doubt: 1.0 }, 1, &limits, TICK_S),
             state: DeviceState { motion, stamp_s: 100.0, is_held: true },
             is_live: true,
-            last: Output { wrench: Wrench::default(), tool: motion, flags: Flags::NONE },
+            last: Output { wrench: Wrench::default(), tool: motion, is_placed: true, flags: Flags::NONE },
         }
     }
 

@@ -138,6 +138,7 @@ impl Physics {
             time_s: f64::from(self.tick) * self.tick_s,
             period_s,
             stamp_s,
+            epoch: 0,
             sequence: self.solved.sequence + 1,
         }
     }

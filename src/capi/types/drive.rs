@@ -63,7 +63,7 @@ pub struct plp_event {
     pub buttons: u32,
     /// Simulated time in s.
     pub time_s: f64,
-    /// FELL_BEHIND: how much wall-clock time was let go, in s.
+    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s.
     pub value: f64,
     /// SERVO_SILENT, BUTTONS: plp_tool_get_id of the tool; 0 for all others.
     pub tool_id: u64,

@@ -122,11 +122,12 @@ pub struct plp_haptic_state {
     pub buttons: u32,
 }
 
-/// A bit of plp_servo.flags: the motion, the time stamp or the contact model was not finite. No force, until the tool engages again.
+/// A bit of plp_servo.flags: the motion, the time stamp or the contact model was not finite, or time went backwards or stood
+/// still. No force, until the tool engages again.
 pub const PLP_SERVO_NOT_FINITE: u32 = 1;
-/// The servo loop paused, or its time went backwards. No force, until the tool engages again.
+/// The servo loop paused. No force, until the tool engages again.
 pub const PLP_SERVO_PAUSED: u32 = 1 << 1;
-/// The simulation is gone or has failed. No force, until the tool engages again.
+/// The simulation is gone, has failed or was reset. No force, until the tool engages again.
 pub const PLP_SERVO_STOPPED: u32 = 1 << 2;
 /// The newest step is old: the last force is held and no longer follows the tool.
 pub const PLP_SERVO_HELD: u32 = 1 << 3;

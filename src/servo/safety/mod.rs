@@ -103,8 +103,9 @@ impl SafetyChain {
         // A device without torque is not told at every touch that it has none.
         flags |= force_flags | if self.desc.has_torque() { torque_flags } else { Flags::NONE };
 
-        // A force that is withdrawn takes all the time that passed.
-        let step_s = if share == 0.0 { dt } else { dt.min(MOST_TICKS * self.desc.tick_s()) };
+        // A force that is withdrawn takes all the time that passed, and a tick's at least: a clock that stands still must not hold it.
+        let step_s =
+            if share == 0.0 { dt.max(self.desc.tick_s()) } else { dt.min(MOST_TICKS * self.desc.tick_s()) };
         let (force, is_force_short) = self.force_slew.step(force, self.desc.slew_n_per_s * step_s);
         let (torque, is_torque_short) = self.torque_slew.step(torque, self.desc.slew_n_m_per_s * step_s);
         flags |= Flags::SLEWED.when(is_force_short || is_torque_short);

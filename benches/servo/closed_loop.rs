@@ -10,6 +10,7 @@ use palpate::error::{Error, Result};
 use palpate::math::Vec3;
 use palpate::servo::device::DeviceDesc;
 use palpate::servo::flags::Flags;
+use palpate::servo::safety::DISENGAGING;
 use palpate::servo::{DeviceState, ServoOptions};
 use palpate::sim::{Event, Sim, SimDesc, ThreadDesc, ToolPort};
 use palpate::solver::tool::ToolDesc;
@@ -71,6 +72,9 @@ pub struct ClosedLoop {
     pub held_ticks: u64,
     pub withdrawn_ticks: u64,
     pub damped_ticks: u64,
+    /// Ticks before it first engaged, and the flags of all failures since.
+    pub unengaged_ticks: u64,
+    pub failures: u32,
     pub servo_silent_events: u64,
     pub least_energy_j: f64,
     pub peak_force_n: f64,
@@ -197,7 +201,7 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
     let (mut periods_us, mut ticks_us) = (Vec::with_capacity(count), Vec::with_capacity(count));
     let mut ages_ms = Vec::with_capacity(count);
     let mut figure = ClosedLoop { ticks: count - lead, ..ClosedLoop::default() };
-    let (mut last, mut run, mut fresh) = (0, 0, 0_u64);
+    let (mut last, mut run, mut fresh, mut has_engaged) = (0, 0, 0_u64, false);
     let start = Instant::now();
     let (mut due, mut before) = (start, start);
     for tick in 0..count {
@@ -234,9 +238,13 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
             fresh += 1;
             ages_ms.push(port.servo_statistics().map_or(f64::NAN, |own| own.latency_s * 1e3));
         }
-        let is_withdrawn = flags.intersects(Flags::WAITING | Flags::RAMPING | Flags::DECAYING);
+        let is_engaging = flags.intersects(Flags::WAITING | Flags::RAMPING);
+        has_engaged |= !is_engaging;
+        let is_withdrawn = has_engaged && (is_engaging || flags.intersects(Flags::DECAYING));
         figure.withdrawn_ticks += u64::from(is_withdrawn);
-        figure.held_ticks += u64::from(flags.intersects(Flags::HELD) && !is_withdrawn);
+        figure.unengaged_ticks += u64::from(!has_engaged);
+        figure.failures |= if has_engaged { flags.0 & DISENGAGING.0 } else { 0 };
+        figure.held_ticks += u64::from(has_engaged && flags.intersects(Flags::HELD) && !is_withdrawn);
         figure.damped_ticks += u64::from(flags.intersects(Flags::DAMPED));
         figure.peak_force_n = figure.peak_force_n.max(force.norm());
     }

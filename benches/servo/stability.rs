@@ -3,9 +3,12 @@
 //! The block with its inclusion, one solve in each tick, a tick late, in simulated time. The device has little friction of its own, and is pushed
 //! against the tissue by a weight instead of a hand, which damps nothing; or it is held loosely.
 
+use std::sync::Arc;
+
 use comfy_table::Table;
 use palpate::error::{Error, Result};
 use palpate::math::Vec3;
+use palpate::model::Model;
 use palpate::servo::contact_model::ContactModel;
 use palpate::servo::coupling::{Coupling, VirtualCoupling};
 use palpate::servo::device::DeviceDesc;
@@ -74,12 +77,16 @@ impl Figure for Stability {
 
 /// Maps everything; draws it where a file is named.
 pub fn run(options: &Options, report: &mut Report) {
+    let model = match block::model(true) {
+        Ok(model) => model,
+        Err(error) => return report.fail("stability", &error.to_string()),
+    };
     let mut all = Vec::new();
     for (hand_name, hand) in [("none", None), ("loose", Some(Hand::LOOSE))] {
         for has_chain in [false, true] {
             for stiffness in STIFFNESSES {
                 for damping in DAMPINGS {
-                    match measure(stiffness, damping, hand, has_chain, options) {
+                    match measure(&model, [stiffness, damping], hand, has_chain, options) {
                         Ok(found) => {
                             let found = Stability { hand: hand_name, ..found };
                             report.add(&found);
@@ -99,8 +106,8 @@ pub fn run(options: &Options, report: &mut Report) {
 }
 
 fn measure(
-    stiffness_n_per_m: f64,
-    damping_n_s_per_m: f64,
+    model: &Arc<Model>,
+    [stiffness_n_per_m, damping_n_s_per_m]: [f64; 2],
     hand: Option<Hand>,
     has_chain: bool,
     options: &Options,
@@ -108,7 +115,7 @@ fn measure(
     let desc = DeviceDesc::touch();
     let spring = VirtualCoupling { stiffness_n_per_m, damping_n_s_per_m, ..VirtualCoupling::of(&desc) };
     let servo_options = ServoOptions { coupling: Coupling::Virtual(spring), ..ServoOptions::of(&desc) };
-    let mut sim = Sim::new(block::model(true)?, &SimDesc { step_s: TICK_S, ..options.machine().desc() })?;
+    let mut sim = Sim::new(model.clone(), &SimDesc { step_s: TICK_S, ..options.machine().desc() })?;
     let mut port = sim.add_haptic_tool(&block::ball(), &desc, &servo_options)?;
 
     let start = block::pressed(-GAP_M, [0.0; 2], Vec3::zeros()).pose.translation.vector;

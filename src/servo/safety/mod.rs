@@ -92,7 +92,9 @@ impl SafetyChain {
             self.engage.reset();
             (0.0, Flags::WAITING)
         } else {
-            self.engage.share(self.load(&wrench), dt)
+            // Once a device is engaged, nobody asks how much it gives.
+            let load = if self.engage.is_waiting() { self.load(&wrench) } else { 0.0 };
+            self.engage.share(load, dt)
         };
         flags |= engaging;
 

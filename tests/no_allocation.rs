@@ -5,6 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use palpate::math::{Pose, Vec3};
+use palpate::servo::coupling::Coupling;
+use palpate::servo::device::DeviceDesc;
+use palpate::servo::{DeviceState, ServoOptions};
 use palpate::sim::{Precision, Sim, SimDesc, ToolPort};
 use palpate::solver::load::Load;
 use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
@@ -52,7 +55,7 @@ static ALLOCATOR: Counting = Counting;
 
 const H: f64 = 4e-3;
 
-/// Tissue with a bone in it, loads, gravity and two tools.
+/// Tissue with a bone in it, loads, gravity and two tools, one of them with a servo loop.
 fn scene_of(precision: Precision, threads: usize, damping_s: f64) -> (Sim, [ToolPort; 2]) {
     let mut tissue = scene::material(5e3, 0.45, 1000.0);
     tissue.damping_s = damping_s;
@@ -70,8 +73,11 @@ fn scene_of(precision: Precision, threads: usize, damping_s: f64) -> (Sim, [Tool
     sim.add_load(&Load::Pressure { region, pressure_pa: 2.0 }).unwrap();
     let ball = Shape::Sphere { radius_m: 6e-3 };
     let parts = vec![(Pose::identity(), ball), (Pose::translation(5e-3, 0.0, 0.0), ball)];
-    let ports =
-        [0.0, 0.4].map(|friction| sim.add_tool(&ToolDesc { parts: parts.clone(), friction }).unwrap());
+    let [plain, rough] = [0.0, 0.4].map(|friction| ToolDesc { parts: parts.clone(), friction });
+    // One of them is held by a haptic device.
+    let device = DeviceDesc::touch();
+    let options = ServoOptions { coupling: Coupling::Direct, ..ServoOptions::of(&device) };
+    let ports = [sim.add_tool(&plain).unwrap(), sim.add_haptic_tool(&rough, &device, &options).unwrap()];
     (sim, ports)
 }
 
@@ -81,7 +87,11 @@ fn act(sim: &mut Sim, ports: &mut [ToolPort; 2], step: u32) {
     let height = 8.0 * H + 6e-3 + 4e-3 * (1.0 - 2.0 * share).max(-1.0 + share);
     for (port, x) in ports.iter_mut().zip([5.0, 10.0]) {
         let at = Pose::translation(x * H + 2e-3 * share, 4.0 * H, height);
-        port.set_motion(&ToolMotion::at(at)).unwrap();
+        let state =
+            DeviceState { motion: ToolMotion::at(at), stamp_s: 1e-3 * f64::from(step), is_held: true };
+        if port.exchange(&state, step % 2, true).is_none() {
+            port.set_motion(&state.motion).unwrap();
+        }
     }
     if step % 500 < 20 {
         sim.drive_region(2, &Pose::translation(0.0, 0.0, 1e-5 * f64::from(step % 500))).unwrap();

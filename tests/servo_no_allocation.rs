@@ -10,6 +10,8 @@ use palpate::servo::device::DeviceDesc;
 #[path = "../benches/common/allocations.rs"]
 #[allow(dead_code, reason = "all threads are counted")]
 mod allocations;
+#[path = "support/bare_loop.rs"]
+mod bare_loop;
 #[path = "support/haptic_device.rs"]
 #[allow(dead_code, reason = "the hands serve elsewhere")]
 mod haptic_device;

@@ -13,11 +13,11 @@ use palpate::solver::tool::{ToolDesc, ToolMotion};
 /// Cells along x, y, z and their edge in m: 64 mm square, 40 mm high.
 pub const CELLS: [usize; 3] = [16, 16, 10];
 pub const CELL_M: f64 = 4e-3;
-/// Liver with the viscosity that its presets have.
+/// Soft tissue with a little viscosity.
 pub const YOUNG_PA: f64 = 5e3;
 pub const POISSON: f64 = 0.45;
 pub const DENSITY_KG_M3: f64 = 1060.0;
-pub const RELAXATION_S: f64 = 1e-3;
+pub const RELAXATION_S: f64 = 2e-4;
 /// The ball.
 pub const RADIUS_M: f64 = 10e-3;
 pub const FRICTION: f64 = 0.3;

@@ -21,14 +21,22 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
+#[path = "../../tests/support/bare_loop.rs"]
+mod bare_loop;
 mod block;
+mod closed_loop;
 #[path = "../common/mod.rs"]
 #[allow(dead_code, reason = "each bench uses a part")]
 mod common;
 mod exchange;
+#[path = "../../tests/support/haptic_device.rs"]
+#[allow(dead_code, reason = "one hand serves here")]
+mod haptic_device;
 mod options;
 mod prediction;
 mod report;
+mod stability;
+mod stability_plot;
 mod through_c;
 mod timer;
 
@@ -53,7 +61,9 @@ fn main() -> ExitCode {
     for figure in options.figures() {
         match figure {
             FigureName::Exchange => exchange::run(&options, &mut report),
+            FigureName::ClosedLoop => closed_loop::run(&options, &mut report),
             FigureName::Prediction => prediction::run(&options, &mut report),
+            FigureName::Stability => stability::run(&options, &mut report),
         }
     }
     report.finish()

@@ -1,5 +1,7 @@
 //! The command line.
 
+use std::path::PathBuf;
+
 use clap::{Parser, ValueEnum};
 
 use super::common::place::Machine;
@@ -19,6 +21,14 @@ pub struct Options {
     #[arg(long, value_name = "N", default_value_t = 10_000_000, value_parser = clap::value_parser!(u32).range(1000..))]
     pub calls: u32,
 
+    /// How long the closed loop runs
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub seconds: f64,
+
+    /// A picture of the map of stability, as PNG
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+
     /// Print one JSON object per line instead of tables
     #[arg(long)]
     pub json: bool,
@@ -32,7 +42,9 @@ pub struct Options {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FigureName {
     Exchange,
+    ClosedLoop,
     Prediction,
+    Stability,
 }
 
 impl Options {

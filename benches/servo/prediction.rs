@@ -179,21 +179,6 @@ fn measure(script: &Script, damping_s: f64, options: &Options) -> Result<Predict
         ticks += 1;
         law.note((predicted - truth).norm(), time_s);
         held.note((before - truth).norm(), time_s);
-        if std::env::var_os("TRACE").is_some() {
-            let k = palpate::servo::contact_model::stiffness_along(&newest.stiffness, Vec3::z());
-            let kx = palpate::servo::contact_model::stiffness_along(&newest.stiffness, Vec3::x());
-            eprintln!(
-                "{} {damping_s} {time_s:.3} {:.6} {:.6} {:.5} {:.5} {:.5} {:.5} {k:.1} {kx:.1} {}",
-                script.name.replace(' ', "_"),
-                motion.pose.translation.z - block::TOP_M - 0.01,
-                motion.pose.translation.x - block::middle().x,
-                truth.x,
-                truth.z,
-                predicted.x,
-                predicted.z,
-                sim.statistics().contact_points
-            );
-        }
     }
     if ticks == 0 {
         return Err(Error::argument("the tool touched nothing"));

@@ -9,7 +9,7 @@ use super::types::{
     PLP_COUPLING_VIRTUAL, PLP_HAPTIC_BALL, PLP_HAPTIC_PASSIVE, plp_box, plp_fix, plp_haptic_desc,
     plp_material, plp_motion, plp_place, plp_pose,
 };
-use crate::math::{Pose, Quat, Vec3};
+use crate::math::{Pose, Quat, Vec3, all_finite};
 use crate::model::Fix;
 use crate::model::material::Material;
 use crate::servo::ServoOptions;
@@ -24,10 +24,11 @@ use crate::solver::tool::ToolMotion;
 pub(super) fn try_pose(pose: &plp_pose) -> Option<Pose> {
     let [x, y, z, w] = pose.rotation;
     let quaternion = na::Quaternion::new(w, x, y, z);
-    let finite = pose.position_m.iter().all(|p| p.is_finite());
+    let (finite, norm) = (all_finite(&pose.position_m), quaternion.norm());
     // A NaN is in no range.
-    (finite && (0.9..=1.1).contains(&quaternion.norm())).then(|| {
-        Pose::from_parts(na::Translation3::from(Vec3::from(pose.position_m)), Quat::new_normalize(quaternion))
+    (finite && (0.9..=1.1).contains(&norm)).then(|| {
+        let rotation = Quat::new_unchecked(quaternion * (1.0 / norm));
+        Pose::from_parts(na::Translation3::from(Vec3::from(pose.position_m)), rotation)
     })
 }
 

@@ -247,10 +247,12 @@ impl Proxy {
 /// x of A x = b, where A is symmetric and positive definite; by A = L D Lᵀ, written out, because it is most of what a tick computes.
 fn solve(a: &Mat3, b: Vec3) -> Option<Vec3> {
     let d0 = a[(0, 0)];
-    let (l10, l20) = (a[(1, 0)] / d0, a[(2, 0)] / d0);
+    let r0 = 1.0 / d0;
+    let (l10, l20) = (a[(1, 0)] * r0, a[(2, 0)] * r0);
     let d1 = a[(1, 1)] - l10 * a[(1, 0)];
+    let r1 = 1.0 / d1;
     let below = a[(2, 1)] - l20 * a[(1, 0)];
-    let l21 = below / d1;
+    let l21 = below * r1;
     let d2 = a[(2, 2)] - l20 * a[(2, 0)] - l21 * below;
     // Written so that a NaN has no solution.
     let is_definite = d0 > 0.0 && d1 > 0.0 && d2 > 0.0;
@@ -258,10 +260,9 @@ fn solve(a: &Mat3, b: Vec3) -> Option<Vec3> {
         return None;
     }
     let y1 = b.y - l10 * b.x;
-    let y2 = b.z - l20 * b.x - l21 * y1;
-    let z = y2 / d2;
-    let y = y1 / d1 - l21 * z;
-    Some(Vec3::new(b.x / d0 - l10 * y - l20 * z, y, z))
+    let z = (b.z - l20 * b.x - l21 * y1) / d2;
+    let y = y1 * r1 - l21 * z;
+    Some(Vec3::new(b.x * r0 - l10 * y - l20 * z, y, z))
 }
 
 /// Whether a proxy is one that a device could hold.

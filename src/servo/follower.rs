@@ -93,7 +93,8 @@ impl Follower {
     /// not a tick late.
     fn share(&self, now_s: f64) -> f64 {
         let fade = self.to.period_s.min(LONGEST_FADE_S).max(self.tick_s);
-        ((self.age_s(now_s) + self.tick_s) / fade).clamp(0.0, 1.0)
+        let gone = self.age_s(now_s) + self.tick_s;
+        if gone >= fade { 1.0 } else { (gone / fade).max(0.0) }
     }
 }
 

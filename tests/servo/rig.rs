@@ -1,15 +1,12 @@
 //! A person, a device, a servo loop and a simulation, closed.
 
 use palpate::math::Vec3;
-use palpate::servo::contact_model::ContactModel;
-use palpate::servo::coupling::{Coupling, Proxy};
+use palpate::servo::coupling::Coupling;
 use palpate::servo::device::DeviceDesc;
 use palpate::servo::flags::Flags;
-use palpate::servo::follower::Follower;
-use palpate::servo::passivity::Observer;
 use palpate::servo::{DeviceState, Servo, ServoOptions};
-use palpate::solver::tool::{ToolMotion, Wrench};
 
+use crate::bare_loop::BareLoop;
 use crate::haptic_device::{Body, Hand, HapticDevice};
 use crate::physics::{Physics, Says, Tissue};
 
@@ -39,27 +36,6 @@ pub struct Outcome {
     pub flags: Flags,
 }
 
-/// The law and the coupling alone: what a loop without the safety chain would render.
-struct Bare {
-    follower: Follower,
-    proxy: Option<Proxy>,
-    observer: Observer,
-}
-
-impl Bare {
-    fn tick(&mut self, device: &ToolMotion, newest: &ContactModel, now_s: f64) -> (Wrench, ToolMotion) {
-        let tool = self.proxy.as_ref().map_or(*device, |proxy| *proxy.motion());
-        if newest.sequence > 0 {
-            self.follower.accept(newest, &tool, now_s);
-        }
-        let law = self.follower.law(&tool, now_s);
-        let wrench = self.proxy.as_mut().map_or(law.wrench, |proxy| proxy.advance(&law, device, TICK_S));
-        self.observer.look(device);
-        self.observer.render(device, &wrench);
-        (wrench, self.proxy.as_ref().map_or(*device, |proxy| *proxy.motion()))
-    }
-}
-
 /// A second in the air, 5 mm above the tissue; then the hand goes to 10 mm below its surface in a tenth of a second, or the push begins; two seconds
 /// there. With the chain and the passivity controller, or with the law and the coupling alone.
 pub fn press(
@@ -76,14 +52,7 @@ pub fn press(
     let mut physics = Physics::new(tissue, Says::Stiffness { doubt: 1.0 }, ticks_per_solve, &limits, TICK_S);
     let mut servo = Servo::new(&desc, &ServoOptions { coupling, controls_passivity: true }).unwrap();
     let first = device.read(TICK_S);
-    let mut bare = Bare {
-        follower: Follower::new(TICK_S),
-        proxy: match &coupling {
-            Coupling::Direct => None,
-            Coupling::Virtual(coupling) => Some(Proxy::new(coupling, &first)),
-        },
-        observer: Observer::default(),
-    };
+    let mut bare = BareLoop::new(&coupling, &first, TICK_S);
 
     let (mut squares, mut force_n, mut tool_m, mut flags) = (0.0, 0.0, 0.0, Flags::NONE);
     for tick in 0..3000 {
@@ -106,6 +75,6 @@ pub fn press(
             squares += device.velocity_m_s.z.powi(2) / 1000.0;
         }
     }
-    let least_j = if has_chain { servo.statistics().least_energy_j } else { bare.observer.least_j() };
+    let least_j = if has_chain { servo.statistics().least_energy_j } else { bare.least_j() };
     Outcome { least_j, shaking_m_s: squares.sqrt(), force_n, tool_m, flags }
 }

@@ -29,6 +29,11 @@ impl Engage {
         Self::Waiting(0.0)
     }
 
+    /// Whether the force that is asked for matters yet.
+    pub fn is_waiting(&self) -> bool {
+        matches!(self, Self::Waiting(_))
+    }
+
     /// The share, `dt` seconds after the last call. `load` is the wanted force over the device's largest, or the torque likewise, whichever is
     /// more.
     pub fn share(&mut self, load: f64, dt: f64) -> (f64, Flags) {

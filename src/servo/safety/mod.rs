@@ -92,7 +92,9 @@ impl SafetyChain {
             self.engage.reset();
             (0.0, Flags::WAITING)
         } else {
-            self.engage.share(self.load(&wrench), dt)
+            // Once a device is engaged, nobody asks how much it gives.
+            let load = if self.engage.is_waiting() { self.load(&wrench) } else { 0.0 };
+            self.engage.share(load, dt)
         };
         flags |= engaging;
 
@@ -179,6 +181,7 @@ fn bounded(wanted: Vec3, average: &Average, largest: f64) -> (Vec3, Flags) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::servo::impedance::BlockLimit;
     use crate::math::Pose;
     use crate::servo::device::{LONGEST_FALL_S, SLOWEST_SERVO_HZ};
 
@@ -347,6 +350,7 @@ mod tests {
             max_torque_n_m: 0.2,
             continuous_torque_n_m: 0.1,
             slew_n_m_per_s: 50.0,
+            max_stiffness: BlockLimit { linear: 700.0, angular: 1.0 },
             ..DeviceDesc::touch()
         };
         desc.check().unwrap();

@@ -20,14 +20,15 @@ impl Speed {
     /// judged when it has moved on.
     pub fn is_over(&mut self, motion: &ToolMotion, dt: f64) -> bool {
         let at = motion.pose.translation.vector;
-        let way = self.last_m.map_or(0.0, |last| (at - last).norm());
+        let way = self.last_m.map_or(Vec3::zeros(), |last| at - last);
         let has_time = dt > 0.0;
         if has_time || self.last_m.is_none() {
             self.last_m = Some(at);
         }
+        let is_within = |way: Vec3, limit: f64| way.norm_squared() <= limit * limit;
         // Written so that a NaN is too fast.
-        let is_believed = motion.linear_m_s.norm() <= self.limit_m_s
-            && (way <= self.limit_m_s * dt || !has_time && way.is_finite());
+        let is_believed = is_within(motion.linear_m_s, self.limit_m_s)
+            && (is_within(way, self.limit_m_s * dt) || !has_time && way.norm_squared().is_finite());
         !is_believed
     }
 

@@ -33,26 +33,17 @@ inline plp_model *build(const Options &options) {
     return model;
 }
 
-/// Where a ray from the front meets the chest, and looks at it squarely: of several rays around the lower middle, the one
-/// whose surface faces the hand most, because a ball that is pressed onto a slope slides off.
-inline plp_pick find_skin(const plp_model *model, const plp_sim *sim) {
+/// Where a ray from the front meets the chest. By default it goes through the middle of its breadth and a quarter of its
+/// height: below the breast bone, where there is soft tissue to press.
+inline plp_pick find_skin(const plp_model *model, const plp_sim *sim, const Options &options) {
     plp_model_info info;
     check(plp_model_get_info(model, &info, sizeof info));
     const double *low = info.bounds_min_m, *high = info.bounds_max_m, backwards[3] = {0.0, -1.0, 0.0};
-    const double beside[5] = {0.5, 0.4, 0.6, 0.3, 0.7}, above[3] = {0.25, 0.35, 0.45};
-    plp_pick best{};
-    double facing = 0.0;
-    for (const double z : above) {
-        for (const double x : beside) {
-            const double eye[3] = {low[0] + x * (high[0] - low[0]), high[1] + 0.1, low[2] + z * (high[2] - low[2])};
-            plp_pick skin;
-            if (plp_sim_pick(sim, eye, backwards, &skin) != PLP_OK || skin.normal[1] < facing + 0.02) continue;
-            best = skin;
-            facing = skin.normal[1];
-        }
-    }
-    if (facing > 0.0) return best;
-    std::fprintf(stderr, "there is nothing to press\n");
+    const double eye[3] = {low[0] + options.across * (high[0] - low[0]), high[1] + 0.1,
+                           low[2] + options.up * (high[2] - low[2])};
+    plp_pick skin;
+    if (plp_sim_pick(sim, eye, backwards, &skin) == PLP_OK) return skin;
+    std::fprintf(stderr, "there is nothing to press at --at %.2f,%.2f\n", options.across, options.up);
     std::exit(1);
 }
 

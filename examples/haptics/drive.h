@@ -33,18 +33,21 @@ inline void tell_events(plp_sim *sim) {
     }
 }
 
+/// One step. False where there can be no more: the servo lets go of the device, and says why.
+inline bool does_step(plp_sim *sim) {
+    const plp_status status = plp_sim_step(sim);
+    if (status < 0) std::fprintf(stderr, "the simulation failed: %s\n", plp_last_error());
+    tell_events(sim);
+    return status >= 0;
+}
+
 /// Steps at the pace of the wall clock, and slower where a step takes longer: it never tries to catch up.
 inline void step_in_time(plp_sim *sim, double step_s, const std::atomic<bool> &is_done) {
     using Clock = std::chrono::steady_clock;
     const auto period = std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(step_s));
     auto due = Clock::now();
     while (!is_done.load()) {
-        const plp_status status = plp_sim_step(sim);
-        tell_events(sim);
-        if (status < 0) {
-            std::fprintf(stderr, "the simulation failed: %s\n", plp_last_error());
-            return; // the servo lets go of the device, and says why
-        }
+        if (!does_step(sim)) return;
         due += period;
         const auto now = Clock::now();
         if (due < now) {
@@ -61,8 +64,7 @@ inline void let_touch(const Options &options, plp_sim *sim, double step_s, plp_h
     if (options.is_virtual) {
         for (long i = 0; i < std::lround(options.seconds / step_s); ++i) {
             pass_virtual_time(step_s);
-            check(plp_sim_step(sim));
-            tell_events(sim);
+            if (!does_step(sim)) break;
         }
         check_hd(plp_hd_stop(port));
     } else if (options.is_hosted) {

@@ -24,7 +24,7 @@ int main(int argc, char **argv) {
 
     // The device, with its workspace before the skin.
     Record record(static_cast<std::size_t>(std::ceil(1.05 * 1000.0 * options.seconds)));
-    const plp_pick skin = find_skin(model, sim);
+    const plp_pick skin = find_skin(model, sim, options);
     plp_hd_desc how = plp_hd_desc_default();
     how.device_name = options.device.empty() ? nullptr : options.device.c_str();
     how.mapping = map_workspace(skin, options.scale);

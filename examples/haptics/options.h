@@ -1,6 +1,7 @@
 // What the example can be told.
 #pragma once
 
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <string>
@@ -11,6 +12,7 @@ struct Options {
     double scale = 1.0;             // world metres for each metre of the device
     double cell_m = 0.009;          // coarse and soft enough for a processor to step in time
     double young_cap_pa = 20e3;
+    double across = 0.5, up = 0.25; // where it presses, as shares of breadth and height
     unsigned threads = 0;           // of the simulation; 0 leaves one core to the servo
     bool is_virtual = false;        // emulator: virtual time, the same numbers each time
     bool is_hosted = false;         // a thread of this program steps, not one of the library
@@ -20,7 +22,7 @@ struct Options {
 
     static constexpr const char *HELP =
         "haptics [--seconds 10] [--labels FILE LABEL=PRESET ...] [--cell MM] [--cap KPA] [--scale 1] [--threads N]\n"
-        "        [--drive thread|host] [--coupling virtual|direct] [--csv haptics.csv] [--device NAME]\n"
+        "        [--at 0.5,0.25] [--drive thread|host] [--coupling virtual|direct] [--csv haptics.csv] [--device NAME]\n"
         "        [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
         "--motion and --virtual need the emulator; in virtual time this program steps.\n";
 
@@ -44,6 +46,8 @@ struct Options {
                 scale = std::atof(value);
             } else if (name == "--threads") {
                 threads = static_cast<unsigned>(std::atoi(value));
+            } else if (name == "--at") {
+                if (std::sscanf(value, "%lf,%lf", &across, &up) != 2) return false;
             } else if (name == "--drive") {
                 if (!choose(value, "thread", "host", &is_hosted)) return false;
             } else if (name == "--coupling") {

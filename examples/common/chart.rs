@@ -21,7 +21,8 @@ pub fn write(
         .map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
 
     let size = IntSize::from_wh(width, height).context("a plot needs a size")?;
-    let picture = Pixmap::from_vec(halved(&pixels, width, height), size).context("a plot needs its pixels")?;
+    let picture =
+        Pixmap::from_vec(halved(&pixels, width, height), size).context("a plot needs its pixels")?;
     picture.save_png(path).with_context(|| format!("cannot write {}", path.display()))
 }
 

@@ -53,12 +53,10 @@ pub fn draw(ticks: &[Tick], backend: BitMapBackend) -> Drawn {
     let tool = ("tool that hangs on it", TOOL, line(ticks, |t| Some(1e3 * t.tool_m)));
     panel(&depth, ticks, "depth in mm", &[device, tool])?;
     panel(&force, ticks, "force in N", &[("on the hand", FORCE, line(ticks, |t| Some(t.force_n)))])?;
-    let old = ("age of the force", AGE, line(ticks, |t| (t.age_s >= 0.0).then_some(1e3 * t.age_s)));
-    let late = (
-        "from pose to force",
-        LATENCY,
-        line(ticks, |t| (t.latency_s > 0.0).then_some(1e3 * t.latency_s)),
-    );
+    let age_ms = line(ticks, |t| (t.age_s >= 0.0).then_some(1e3 * t.age_s));
+    let latency_ms = line(ticks, |t| (t.latency_s > 0.0).then_some(1e3 * t.latency_s));
+    let old = ("age of the force", AGE, highest(&age_ms));
+    let late = ("from pose to force", LATENCY, highest(&latency_ms));
     panel(&age, ticks, "age in ms", &[late, old])?;
     flag_rows(&flags, ticks)?;
     area.present()?;
@@ -68,6 +66,13 @@ pub fn draw(ticks: &[Tick], backend: BitMapBackend) -> Drawn {
 /// One quantity over time.
 fn line(ticks: &[Tick], of: impl Fn(&Tick) -> Option<f64>) -> Vec<(f64, f64)> {
     ticks.iter().filter_map(|t| of(t).map(|value| (t.time_s, value))).collect()
+}
+
+/// The largest of each few: what changes with every tick would be a block of colour, and the worst is what matters.
+fn highest(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let few = points.len().div_ceil(SIZE.0 as usize / 2).max(1);
+    let most = |some: &[(f64, f64)]| some.iter().map(|p| p.1).fold(f64::MIN, f64::max);
+    points.chunks(few).map(|some| (some[0].0, most(some))).collect()
 }
 
 fn times(ticks: &[Tick]) -> std::ops::Range<f64> {
@@ -87,7 +92,9 @@ fn panel(area: &Area, ticks: &[Tick], name: &str, lines: &[(&str, RGBColor, Vec<
         .build_cartesian_2d(times(ticks), low..high + room)?;
     for (bit, _, colour) in FLAGS {
         for (from, to) in spans(ticks, bit) {
-            chart.plotting_area().draw(&Rectangle::new([(from, low), (to, high + room)], colour.mix(0.16).filled()))?;
+            chart
+                .plotting_area()
+                .draw(&Rectangle::new([(from, low), (to, high + room)], colour.mix(0.16).filled()))?;
         }
     }
     chart
@@ -104,7 +111,8 @@ fn panel(area: &Area, ticks: &[Tick], name: &str, lines: &[(&str, RGBColor, Vec<
     for (name, colour, points) in lines {
         let colour = *colour;
         // Piece by piece: where a line goes steeply up and down, its corners would stick out.
-        let pieces = points.windows(2).map(|pair| PathElement::new([pair[0], pair[1]], colour.stroke_width(4)));
+        let pieces =
+            points.windows(2).map(|pair| PathElement::new([pair[0], pair[1]], colour.stroke_width(4)));
         chart
             .draw_series(pieces)?
             .label(*name)

@@ -29,8 +29,19 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<Tick>> {
     let column =
         |name: &str| names.iter().position(|n| *n == name).with_context(|| format!("no column {name}"));
     let wanted = [
-        "time_s", "x_m", "y_m", "z_m", "tool_x_m", "tool_y_m", "tool_z_m", "device_x_n", "device_y_n",
-        "device_z_n", "age_s", "latency_s", "servo_flags",
+        "time_s",
+        "x_m",
+        "y_m",
+        "z_m",
+        "tool_x_m",
+        "tool_y_m",
+        "tool_z_m",
+        "device_x_n",
+        "device_y_n",
+        "device_z_n",
+        "age_s",
+        "latency_s",
+        "servo_flags",
     ];
     let columns = wanted.iter().map(|name| column(name)).collect::<anyhow::Result<Vec<_>>>()?;
     let rows = lines
@@ -45,7 +56,8 @@ pub fn read(path: &Path) -> anyhow::Result<Vec<Tick>> {
 
     let first = three(&rows[0][1..4]);
     let way = |at: [f64; 3]| [at[0] - first[0], at[1] - first[1], at[2] - first[2]];
-    let farthest = rows.iter().map(|row| way(three(&row[1..4]))).max_by(|a, b| length(*a).total_cmp(&length(*b)));
+    let farthest =
+        rows.iter().map(|row| way(three(&row[1..4]))).max_by(|a, b| length(*a).total_cmp(&length(*b)));
     let direction = farthest.unwrap_or_default().map(|x| x / length(farthest.unwrap_or_default()).max(1e-9));
     let along = |at: &[f64]| way(three(at)).iter().zip(direction).map(|(a, b)| a * b).sum();
     let ticks = rows.iter().map(|row| Tick {

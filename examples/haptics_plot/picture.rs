@@ -9,6 +9,8 @@ use super::record::Tick;
 pub const SIZE: (u32, u32) = (1400, 1000);
 
 type Area<'a> = DrawingArea<BitMapBackend<'a>, Shift>;
+/// A name, a colour, and values over time in s.
+type Line = (&'static str, RGBColor, Vec<(f64, f64)>);
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 const DEVICE: RGBColor = RGBColor(40, 98, 168);
@@ -80,7 +82,7 @@ fn times(ticks: &[Tick]) -> std::ops::Range<f64> {
 }
 
 /// Lines over the times of flags as shades.
-fn panel(area: &Area, ticks: &[Tick], name: &str, lines: &[(&str, RGBColor, Vec<(f64, f64)>)]) -> Drawn {
+fn panel(area: &Area, ticks: &[Tick], name: &str, lines: &[Line]) -> Drawn {
     let values = || lines.iter().flat_map(|(_, _, points)| points.iter().map(|p| p.1));
     let (low, high) = values().fold((0.0_f64, 1e-3_f64), |(low, high), v| (low.min(v), high.max(v)));
     let room = 0.06 * (high - low);

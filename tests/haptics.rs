@@ -4,6 +4,10 @@
 
 mod support;
 
+#[allow(dead_code)]
+#[path = "../examples/haptics_plot/main.rs"]
+mod haptics_plot;
+
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -137,39 +141,64 @@ fn column(record: &str, name: &str) -> Vec<f64> {
 
 #[test]
 fn the_example_lets_a_hand_feel_the_chest_the_same_way_each_time() {
-    let Some((report, record)) = example("example", &["--virtual", "--seconds", "1.3"]) else { return };
+    let press = ["--virtual", "--seconds", "1.8", "--cell", "12", "--coupling", "direct"];
+    let Some((report, record)) = example("example", &press) else { return };
     for word in [
+        "presses              skin",
+        "driver               virtual time",
         "servo period",
         "p99.9",
         "misses",
         "longest run",
         "force age",
+        "pose to force        p50 1.0",
+        "without valid force  0 ticks",
+        "fresh forces",
+        "least energy",
         "peak force",
         "real-time factor",
-        "faults",
+        "let go",
+        "faults               none\n",
     ] {
         assert!(report.contains(word), "'{word}' is missing in\n{report}");
     }
-    assert!(report.contains("faults               none\n"), "{report}");
 
     let (time, force) = (column(&record, "time_s"), column(&record, "device_z_n"));
-    assert_eq!(time.len(), 1300);
+    assert_eq!(time.len(), 1800);
     assert!(force.iter().all(|n| n.is_finite() && n.abs() <= 3.3));
     // Free before the skin, pushed back towards the user when pressed.
-    assert!(force[..150].iter().all(|&n| n == 0.0), "{:?}", &force[..150]);
-    assert!(force[1200] > 0.5, "{} N", force[1200]);
+    assert!(force[..800].iter().all(|&n| n == 0.0), "{:?}", &force[..800]);
+    assert!(force[1700] > 0.5, "{} N", force[1700]);
     assert!(column(&record, "age_s").iter().all(|&s| s < 0.01));
 
-    let (_, again) = example("example_again", &["--virtual", "--seconds", "1.3"]).expect("it ran before");
+    let (_, again) = example("example_again", &press).expect("it ran before");
     assert!(record == again, "the second run differs");
+
+    // What was recorded can be looked at.
+    let dir = scratch("haptics_plot");
+    std::fs::write(dir.join("press.csv"), &record).expect("the record can be written");
+    haptics_plot::run(&dir.join("press.csv"), &dir.join("press.png")).expect("the plot");
+    let picture = tiny_skia::Pixmap::load_png(dir.join("press.png")).expect("a picture");
+    assert_eq!((picture.width(), picture.height()), haptics_plot::SIZE);
+    let is_colour = |p: &tiny_skia::PremultipliedColorU8| p.red().abs_diff(p.blue()) > 40;
+    let coloured = picture.pixels().iter().filter(|p| is_colour(p)).count();
+    assert!(coloured > 5000, "{coloured} pixels of lines and flags");
+    std::fs::write(dir.join("bad.csv"), "time_s,x_m\n0,0\n").expect("it can be written");
+    let why = haptics_plot::run(&dir.join("bad.csv"), &dir.join("bad.png")).expect_err("it is no record");
+    assert!(why.to_string().contains("no column"), "{why}");
 }
 
 #[test]
-fn the_example_keeps_a_record_in_real_time() {
-    let Some((report, record)) = example("example_live", &["--seconds", "1", "--cell", "12"]) else { return };
-    assert!(report.contains("period histogram\n"), "{report}");
-    let time = column(&record, "time_s");
-    assert!(!time.is_empty() && time.windows(2).all(|pair| pair[1] > pair[0]));
+fn the_example_keeps_a_record_in_real_time_whoever_steps() {
+    for (drive, words) in [("thread", "the simulation's own"), ("host", "a thread of this program")] {
+        let arguments = ["--seconds", "1", "--cell", "12", "--drive", drive];
+        let Some((report, record)) = example(&format!("example_{drive}"), &arguments) else { return };
+        assert!(report.contains(words) && report.contains("period histogram\n"), "{report}");
+        assert!(report.contains("without valid force  0 ticks\n"), "{report}");
+        let time = column(&record, "time_s");
+        assert!(!time.is_empty() && time.windows(2).all(|pair| pair[1] > pair[0]));
+        assert!(column(&record, "sequence").last().is_some_and(|&steps| steps > 0.0));
+    }
 }
 
 #[test]

@@ -13,7 +13,8 @@ constexpr HHD EMULATED = 1;
 
 inline double emulated_time(void *) { return hd_emulator_time_s(); }
 
-/// Lets the emulated hand press: a second to travel 30 mm away from the user and back, again and again.
+/// Lets the emulated hand wait until a tool has engaged, then press: a second to travel 30 mm away from the user and back,
+/// again and again.
 inline bool script_hand(const Options &options) {
     hd_emulator_motion motion;
     int kind = HD_EMULATOR_PRESS;
@@ -27,6 +28,7 @@ inline bool script_hand(const Options &options) {
     motion.travel_m = 0.030;
     motion.speed_m_s = 0.05;
     motion.hold_s = 0.5;
+    motion.wait_s = 0.7;
     if (kind == HD_EMULATOR_RANDOM) motion.start_m[2] = -0.015;
     hd_emulator_set_motion(EMULATED, &motion);
     return true;

@@ -1,6 +1,7 @@
 // What the example can be told.
 #pragma once
 
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <string>
@@ -11,15 +12,19 @@ struct Options {
     double scale = 1.0;             // world metres for each metre of the device
     double cell_m = 0.009;          // coarse and soft enough for a processor to step in time
     double young_cap_pa = 20e3;
+    double across = 0.5, up = 0.25; // where it presses, as shares of breadth and height
     unsigned threads = 0;           // of the simulation; 0 leaves one core to the servo
     bool is_virtual = false;        // emulator: virtual time, the same numbers each time
+    bool is_hosted = false;         // a thread of this program steps, not one of the library
+    bool is_direct = false;         // the tool is where the device is, and does not hang on a spring
     std::string labels, csv = "haptics.csv", motion = "press", device;
     std::vector<std::string> uses;  // LABEL=PRESET
 
     static constexpr const char *HELP =
         "haptics [--seconds 10] [--labels FILE LABEL=PRESET ...] [--cell MM] [--cap KPA] [--scale 1] [--threads N]\n"
-        "        [--csv haptics.csv] [--device NAME] [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
-        "--motion and --virtual need the emulator.\n";
+        "        [--at 0.5,0.25] [--drive thread|host] [--coupling virtual|direct] [--csv haptics.csv] [--device NAME]\n"
+        "        [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
+        "--motion and --virtual need the emulator; in virtual time this program steps.\n";
 
     /// False where they cannot be understood.
     bool parse(int argc, char **argv) {
@@ -41,6 +46,12 @@ struct Options {
                 scale = std::atof(value);
             } else if (name == "--threads") {
                 threads = static_cast<unsigned>(std::atoi(value));
+            } else if (name == "--at") {
+                if (std::sscanf(value, "%lf,%lf", &across, &up) != 2) return false;
+            } else if (name == "--drive") {
+                if (!choose(value, "thread", "host", &is_hosted)) return false;
+            } else if (name == "--coupling") {
+                if (!choose(value, "virtual", "direct", &is_direct)) return false;
             } else if (name == "--labels") {
                 labels = value;
             } else if (name == "--csv") {
@@ -54,5 +65,11 @@ struct Options {
             }
         }
         return seconds > 0.0 && seconds <= 3600.0;
+    }
+
+private:
+    static bool choose(const std::string &value, const char *no, const char *yes, bool *is_yes) {
+        *is_yes = value == yes;
+        return *is_yes || value == no;
     }
 };

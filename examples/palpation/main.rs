@@ -5,6 +5,8 @@
 
 mod anatomy;
 mod approach;
+#[path = "../common/chart.rs"]
+mod chart;
 mod options;
 mod picture;
 mod plot;

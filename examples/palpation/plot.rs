@@ -2,28 +2,17 @@
 
 use std::path::Path;
 
-use anyhow::{Context, anyhow};
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
-use tiny_skia::{IntSize, Pixmap};
 
+use super::chart;
 use super::press::{Phase, Row};
 
 const WIDTH: u32 = 1000;
 const HEIGHT: u32 = 700;
 
-/// Draws the plot at twice its size and writes it at half of that, which smooths its lines.
+/// Draws and writes the plot.
 pub fn write(rows: &[Row], path: &Path) -> anyhow::Result<()> {
-    register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular())
-        .map_err(|_| anyhow!("the built-in font"))?;
-    let (width, height) = (2 * WIDTH, 2 * HEIGHT);
-    let mut pixels = vec![0; (width * height * 3) as usize];
-    draw(rows, BitMapBackend::with_buffer(&mut pixels, (width, height)))
-        .map_err(|error| anyhow!("the plot cannot be drawn: {error}"))?;
-
-    let size = IntSize::from_wh(WIDTH, HEIGHT).context("a plot needs a size")?;
-    let picture = Pixmap::from_vec(halved(&pixels), size).context("a plot needs its pixels")?;
-    picture.save_png(path).with_context(|| format!("cannot write {}", path.display()))
+    chart::write(path, (WIDTH, HEIGHT), |backend| draw(rows, backend))
 }
 
 fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::Error>> {
@@ -76,22 +65,4 @@ fn draw(rows: &[Row], backend: BitMapBackend) -> Result<(), Box<dyn std::error::
         .draw()?;
     area.present()?;
     Ok(())
-}
-
-/// Mean of each 2 × 2 pixels, with an opaque fourth channel.
-fn halved(pixels: &[u8]) -> Vec<u8> {
-    let row_bytes = 2 * WIDTH as usize * 3;
-    let mut half = Vec::with_capacity((WIDTH * HEIGHT * 4) as usize);
-    for row in 0..HEIGHT as usize {
-        for column in 0..WIDTH as usize {
-            let at = |dx: usize, dy: usize, c: usize| {
-                u16::from(pixels[(2 * row + dy) * row_bytes + (2 * column + dx) * 3 + c])
-            };
-            half.extend(
-                (0..3).map(|c| ((at(0, 0, c) + at(1, 0, c) + at(0, 1, c) + at(1, 1, c) + 2) / 4) as u8),
-            );
-            half.push(255);
-        }
-    }
-    half
 }

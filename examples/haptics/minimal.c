@@ -54,11 +54,12 @@ int main(void) {
     hd_emulator_set_motion(device, &press);
 #endif
 
-    chest.cell_m = 0.009; /* coarse and soft enough for a processor to step in time */
+    chest.cell_m = 0.012; /* coarse and soft enough for a processor to step in time */
     chest.young_cap_pa = 20e3;
     probe.parts = &ball;
     probe.part_count = 1;
     probe.haptic = &touch;
+    touch.coupling = PLP_COUPLING_DIRECT; /* soft tissue of large cells; finer ones, and bone, want the default */
     if (plp_model_create(&chest, &model) < 0 || plp_sim_create(model, NULL, &sim) < 0 ||
         plp_tool_create(sim, &probe, &tool) < 0) {
         printf("%s\n", plp_last_error());

@@ -141,7 +141,7 @@ fn column(record: &str, name: &str) -> Vec<f64> {
 
 #[test]
 fn the_example_lets_a_hand_feel_the_chest_the_same_way_each_time() {
-    let press = ["--virtual", "--seconds", "1.8", "--cell", "12", "--coupling", "direct"];
+    let press = ["--virtual", "--seconds", "1.8"];
     let Some((report, record)) = example("example", &press) else { return };
     for word in [
         "presses              skin",
@@ -191,7 +191,7 @@ fn the_example_lets_a_hand_feel_the_chest_the_same_way_each_time() {
 #[test]
 fn the_example_keeps_a_record_in_real_time_whoever_steps() {
     for (drive, words) in [("thread", "the simulation's own"), ("host", "a thread of this program")] {
-        let arguments = ["--seconds", "1", "--cell", "12", "--drive", drive];
+        let arguments = ["--seconds", "1", "--drive", drive];
         let Some((report, record)) = example(&format!("example_{drive}"), &arguments) else { return };
         assert!(report.contains(words) && report.contains("period histogram\n"), "{report}");
         assert!(report.contains("without valid force  0 ticks\n"), "{report}");

@@ -1,6 +1,6 @@
 /* The servo callback of a host that calls HDAPI itself, in 15 lines, and what must be around it: a ball before the generated
  * chest, and the simulation's own thread. HDAPI has millimetres, palpate metres; the device's axes are the world's here, its
- * origin lies a few millimetres before the skin. plp_tool_exchange bounds the force whatever happens to hand, device and
+ * origin lies 5 mm before the skin. plp_tool_exchange bounds the force whatever happens to hand, device and
  * simulation. The bridge in bindings/haptics adds mapping and answers to the device's own faults: take that one for a hand
  * at a real device. */
 #include <HD/hd.h>
@@ -25,7 +25,7 @@ static HDCallbackCode HDCALLBACK servo(void *user) {
     hdBeginFrame(hdGetCurrentDevice());
     hdGetDoublev(HD_CURRENT_POSITION, at_mm);
     hdGetDoublev(HD_CURRENT_VELOCITY, v_mm_s);
-    plp_motion motion = plp_motion_at(1e-3 * at_mm[0], 1e-3 * at_mm[1] + 0.11, 1e-3 * at_mm[2] - 0.06);
+    plp_motion motion = plp_motion_at(1e-3 * at_mm[0], 1e-3 * at_mm[1] + 0.12, 1e-3 * at_mm[2] - 0.06);
     for (int i = 0; i < 3; ++i) motion.linear_m_s[i] = 1e-3 * v_mm_s[i];
     plp_haptic_state hand = {motion, now_s(), 0, 0};
     plp_tool_exchange((plp_tool *)user, &hand, &felt); /* whatever it answers, the force is one that may be felt */
@@ -54,11 +54,12 @@ int main(void) {
     hd_emulator_set_motion(device, &press);
 #endif
 
-    chest.cell_m = 0.009; /* coarse and soft enough for a processor to step in time */
+    chest.cell_m = 0.012; /* coarse and soft enough for a processor to step in time */
     chest.young_cap_pa = 20e3;
     probe.parts = &ball;
     probe.part_count = 1;
     probe.haptic = &touch;
+    touch.coupling = PLP_COUPLING_DIRECT; /* soft tissue of large cells; finer ones, and bone, want the default */
     if (plp_model_create(&chest, &model) < 0 || plp_sim_create(model, NULL, &sim) < 0 ||
         plp_tool_create(sim, &probe, &tool) < 0) {
         printf("%s\n", plp_last_error());

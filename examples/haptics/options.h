@@ -10,19 +10,19 @@
 struct Options {
     double seconds = 10.0;
     double scale = 1.0;             // world metres for each metre of the device
-    double cell_m = 0.009;          // coarse and soft enough for a processor to step in time
+    double cell_m = 0.012;          // coarse and soft enough for two cores to step about in time
     double young_cap_pa = 20e3;
     double across = 0.5, up = 0.25; // where it presses, as shares of breadth and height
     unsigned threads = 0;           // of the simulation; 0 leaves one core to the servo
     bool is_virtual = false;        // emulator: virtual time, the same numbers each time
     bool is_hosted = false;         // a thread of this program steps, not one of the library
-    bool is_direct = false;         // the tool is where the device is, and does not hang on a spring
+    bool is_direct = true;          // the tool is where the device is, and does not hang on a spring: README.md says why
     std::string labels, csv = "haptics.csv", motion = "press", device;
     std::vector<std::string> uses;  // LABEL=PRESET
 
     static constexpr const char *HELP =
         "haptics [--seconds 10] [--labels FILE LABEL=PRESET ...] [--cell MM] [--cap KPA] [--scale 1] [--threads N]\n"
-        "        [--at 0.5,0.25] [--drive thread|host] [--coupling virtual|direct] [--csv haptics.csv] [--device NAME]\n"
+        "        [--at 0.5,0.25] [--drive thread|host] [--coupling direct|virtual] [--csv haptics.csv] [--device NAME]\n"
         "        [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
         "--motion and --virtual need the emulator; in virtual time this program steps.\n";
 

@@ -21,7 +21,6 @@ mod scene;
 /// Cells of the block along x, y, z, and the edge of one in m.
 const CELLS: [usize; 3] = [14, 10, 8];
 const H: f64 = 4e-3;
-const TOP: f64 = CELLS[2] as f64 * H;
 const RADIUS: f64 = 10e-3;
 const TICK_S: f64 = 1e-3;
 
@@ -38,11 +37,20 @@ fn model(has_rib: bool) -> Arc<Model> {
     Arc::new(build.run(&mut |_, _| true).unwrap())
 }
 
+/// Height of the surface that tools meet, which smoothing has moved off the cells' faces, in m.
+fn highest(model: &Model) -> f64 {
+    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
+    vertices
+        .map(|vertex| model.frame().transform_point(&(*vertex).into()).z)
+        .fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// A device over the middle of the block, `aside` along x.
 struct Rig {
     sim: Sim,
     port: ToolPort,
     time_s: f64,
+    surface_m: f64,
     /// Depth of the device below the surface, and its way along x from the middle, in m.
     at: [f64; 2],
     force_n: Vec3,
@@ -57,8 +65,15 @@ impl Rig {
         let ball = ToolDesc { friction, ..ToolDesc::sphere(RADIUS) };
         let options = ServoOptions { coupling, ..ServoOptions::of(&desc) };
         let port = sim.add_haptic_tool(&ball, &desc, &options).unwrap();
-        let mut rig =
-            Self { sim, port, time_s: 0.0, at: [-2e-3, 0.0], force_n: Vec3::zeros(), flags: Flags::NONE };
+        let mut rig = Self {
+            sim,
+            port,
+            time_s: 0.0,
+            surface_m: highest(model),
+            at: [-2e-3, 0.0],
+            force_n: Vec3::zeros(),
+            flags: Flags::NONE,
+        };
         rig.go([-2e-3, 0.0], 0.7);
         assert_eq!(rig.flags, Flags::NONE, "engaged");
         rig
@@ -69,7 +84,7 @@ impl Rig {
         let pose = Pose::translation(
             (0.5 * CELLS[0] as f64) * H + aside,
             0.5 * CELLS[1] as f64 * H,
-            TOP + RADIUS - depth,
+            self.surface_m + RADIUS - depth,
         );
         let speed = Vec3::new(aside - self.at[1], 0.0, self.at[0] - depth) / TICK_S;
         self.at = at;

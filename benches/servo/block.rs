@@ -1,7 +1,7 @@
 //! A block of soft tissue that a ball presses from above, with and without a stiff inclusion.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use palpate::error::Result;
 use palpate::math::{Pose, Vec3};
@@ -10,9 +10,9 @@ use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-/// Cells along x, y, z and their edge in m: 64 mm square, 40 mm high.
-pub const CELLS: [usize; 3] = [16, 16, 10];
-pub const CELL_M: f64 = 4e-3;
+/// Cells along x, y, z and their edge in m: 60 mm square, 40 mm high.
+pub const CELLS: [usize; 3] = [12, 12, 8];
+pub const CELL_M: f64 = 5e-3;
 /// Soft tissue with a little viscosity.
 pub const YOUNG_PA: f64 = 5e3;
 pub const POISSON: f64 = 0.45;
@@ -72,8 +72,18 @@ pub fn ball() -> ToolDesc {
     ToolDesc { friction: FRICTION, ..ToolDesc::sphere(RADIUS_M) }
 }
 
+/// Height of the surface that tools meet, which smoothing has moved off the cells' faces, in m.
+fn highest(model: &Model) -> f64 {
+    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
+    let heights = vertices.map(|vertex| model.frame().transform_point(&(*vertex).into()).z);
+    heights.fold(f64::NEG_INFINITY, f64::max)
+}
+
 /// The ball so deep in the middle of the top, and so far aside along x and y, at a velocity.
 pub fn pressed(depth_m: f64, aside_m: [f64; 2], linear_m_s: Vec3) -> ToolMotion {
-    let at = middle() + Vec3::new(aside_m[0], aside_m[1], RADIUS_M - depth_m);
+    static SURFACE_M: OnceLock<f64> = OnceLock::new();
+    let surface = *SURFACE_M.get_or_init(|| model(false).map_or(TOP_M, |model| highest(&model)));
+    let mut at = middle() + Vec3::new(aside_m[0], aside_m[1], 0.0);
+    at.z = surface + RADIUS_M - depth_m;
     ToolMotion { linear_m_s, ..ToolMotion::at(Pose::translation(at.x, at.y, at.z)) }
 }

@@ -27,7 +27,7 @@ pub fn draw(path: &Path, all: &[Stability]) -> Result<(), Box<dyn Error>> {
 fn paint(all: &[Stability], backend: BitMapBackend<'_>) -> Result<(), Box<dyn Error>> {
     let area = backend.into_drawing_area();
     area.fill(&WHITE)?;
-    let title = format!("Least energy of the loop in J (green: at least {LEAST_J:.0e} J)");
+    let title = format!("Least energy of the loop, in J; green where it is at least {LEAST_J:.0e} J");
     let area = area.titled(&title, (FONT, 26))?;
     let maps = [("none", false), ("none", true), ("loose", false), ("loose", true)];
     for (part, (hand, has_chain)) in area.split_evenly((2, 2)).iter().zip(maps) {
@@ -38,15 +38,23 @@ fn paint(all: &[Stability], backend: BitMapBackend<'_>) -> Result<(), Box<dyn Er
             .margin(12)
             .x_label_area_size(44)
             .y_label_area_size(60)
-            .build_cartesian_2d(0..STIFFNESSES.len() as i32, 0..DAMPINGS.len() as i32)?;
+            .build_cartesian_2d(
+                (0..STIFFNESSES.len() as i32 - 1).into_segmented(),
+                (0..DAMPINGS.len() as i32 - 1).into_segmented(),
+            )?;
         let of = |values: &'static [f64]| {
-            move |i: &i32| values.get(*i as usize).map_or(String::new(), |value| format!("{value}"))
+            move |at: &SegmentValue<i32>| match at {
+                SegmentValue::CenterOf(i) => {
+                    values.get(*i as usize).map_or(String::new(), ToString::to_string)
+                }
+                SegmentValue::Exact(_) | SegmentValue::Last => String::new(),
+            }
         };
         chart
             .configure_mesh()
             .disable_mesh()
-            .x_labels(STIFFNESSES.len() + 1)
-            .y_labels(DAMPINGS.len() + 1)
+            .x_labels(STIFFNESSES.len())
+            .y_labels(DAMPINGS.len())
             .x_label_formatter(&of(&STIFFNESSES))
             .y_label_formatter(&of(&DAMPINGS))
             .x_desc("K, N/m")
@@ -56,10 +64,19 @@ fn paint(all: &[Stability], backend: BitMapBackend<'_>) -> Result<(), Box<dyn Er
         for found in all.iter().filter(|found| found.hand == hand && found.has_chain == has_chain) {
             let at = |values: &[f64], value: f64| values.iter().position(|x| *x == value).unwrap_or(0) as i32;
             let (i, j) = (at(&STIFFNESSES, found.stiffness_n_per_m), at(&DAMPINGS, found.damping_n_s_per_m));
-            chart.draw_series([Rectangle::new([(i, j), (i + 1, j + 1)], colour(found).filled())])?;
-            chart.draw_series([Rectangle::new([(i, j), (i + 1, j + 1)], WHITE)])?;
-            let words = format!("{:.0e}", found.least_energy_j);
-            chart.draw_series([EmptyElement::at((i, j + 1)) + Text::new(words, (12, 22), (FONT, 15))])?;
+            // The field's corner after the last is called that.
+            let corner = |at: i32, count: usize| {
+                if at as usize == count { SegmentValue::Last } else { SegmentValue::Exact(at) }
+            };
+            let low = (SegmentValue::Exact(i), SegmentValue::Exact(j));
+            let high = (corner(i + 1, STIFFNESSES.len()), corner(j + 1, DAMPINGS.len()));
+            let field = [low, high.clone()];
+            chart.draw_series([Rectangle::new(field.clone(), colour(found).filled())])?;
+            chart.draw_series([Rectangle::new(field, WHITE)])?;
+            let words =
+                if found.has_diverged { "torn".into() } else { format!("{:.0e}", found.least_energy_j) };
+            let text = Text::new(words, (12, 22), (FONT, 15));
+            chart.draw_series([EmptyElement::at((SegmentValue::Exact(i), high.1)) + text])?;
         }
     }
     area.present()?;

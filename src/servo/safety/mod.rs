@@ -181,9 +181,9 @@ fn bounded(wanted: Vec3, average: &Average, largest: f64) -> (Vec3, Flags) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::servo::impedance::BlockLimit;
     use crate::math::Pose;
     use crate::servo::device::{LONGEST_FALL_S, SLOWEST_SERVO_HZ};
+    use crate::servo::impedance::BlockLimit;
 
     const DT: f64 = 1e-3;
 

@@ -76,6 +76,9 @@ pub struct ClosedLoop {
     pub unengaged_ticks: u64,
     pub failures: u32,
     pub servo_silent_events: u64,
+    /// When the simulation failed, in simulated time: from then on there is no force.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub diverged_at_s: Option<f64>,
     pub least_energy_j: f64,
     pub peak_force_n: f64,
 }
@@ -157,6 +160,9 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
     sim.stop()?;
     while let Some(event) = sim.poll_event() {
         figure.servo_silent_events += u64::from(matches!(event, Event::ServoSilent { .. }));
+        if let Event::Diverged { time_s } = event {
+            figure.diverged_at_s = Some(time_s);
+        }
     }
     let statistics = sim.statistics();
     let own = port.servo_statistics().copied().unwrap_or_default();
@@ -202,6 +208,7 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
     let mut ages_ms = Vec::with_capacity(count);
     let mut figure = ClosedLoop { ticks: count - lead, ..ClosedLoop::default() };
     let (mut last, mut run, mut fresh, mut has_engaged) = (0, 0, 0_u64, false);
+    let mut rendered = Vec3::zeros();
     let start = Instant::now();
     let (mut due, mut before) = (start, start);
     for tick in 0..count {
@@ -209,18 +216,19 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
         let now = Instant::now();
         let period_s = now.duration_since(before).as_secs_f64();
         before = now;
-        // What was missed is missed; a loop that made up for it would feel its own haste.
-        due = if now > due + Duration::from_secs_f64(TICK_S) { now } else { due }
-            + Duration::from_secs_f64(TICK_S);
+        // What was missed is missed: a loop that hurried to make up for it would take one step of an encoder for a leap.
+        due = (due + Duration::from_secs_f64(TICK_S)).max(now + Duration::from_secs_f64(0.5 * TICK_S));
 
         let stamp_s = now.duration_since(start).as_secs_f64();
+        // Since the last tick the motors did what they were told then.
+        device.advance(rendered, wish(surface, stamp_s), Vec3::zeros(), period_s.max(1e-4));
         let motion = device.read(period_s.max(1e-4));
         let state = DeviceState { motion, stamp_s, is_held: true };
         let asked = Instant::now();
         let Some(exchange) = port.exchange(&state, 0, true) else { break };
         let took_us = asked.elapsed().as_secs_f64() * 1e6;
         let (force, flags) = (exchange.output.wrench.force_n, exchange.output.flags);
-        device.advance(force, wish(surface, stamp_s), Vec3::zeros(), period_s.max(1e-4));
+        rendered = force;
 
         let is_fresh = exchange.sequence != last;
         last = exchange.sequence;

@@ -14,9 +14,9 @@ static atomic_int done, busy;
 static void *servo(void *unused) {
     (void)unused;
     uint64_t last = 0;
-    for (int i = 0; !atomic_load(&done); ++i) {
-        /* In and out at a steady pace: how far the tool gets in a step hangs on who has the processors. */
-        const double depth = 1e-7 * abs(i % 200000 - 100000);
+    while (!atomic_load(&done)) {
+        /* In and out by a little in each step, however many turns this thread gets in one. */
+        const double depth = 2e-5 * abs((int)(last % 1000) - 500);
         plp_motion motion = plp_motion_at(0.02, 0.02, 0.042 + depth);
         plp_force force;
         CHECK(plp_tool_set_pose(tool, &motion) == PLP_OK);

@@ -140,6 +140,8 @@ void calls_from_two_threads_at_once_take_the_force_away() {
     while (hand.state().fault_ticks[7] == 0) {
         const plp_status answer = plp_hd_run_tick(hand.port);
         CHECK(answer == PLP_OK || answer == PLP_ERR_BUSY);
+        // Not so fast that the servo's clock seems to stand still.
+        std::this_thread::sleep_for(std::chrono::microseconds(20));
     }
     hand.wait_for_none(PLP_HD_FAULT_BUSY);
     hand.press_anew();
@@ -170,7 +172,9 @@ void a_simulation_that_stands_lets_go_and_is_felt_again() {
     hand.press_anew();
     // One that never goes on lets go for good.
     ANSWERS(PLP_OK, plp_sim_pause(world.sim));
-    hand.wait_for_none(PLP_HD_FAULT_STALE);
+    hand.wait_until("it lets go for good", [](const plp_hd_state &s) {
+        return (s.last.servo_flags & PLP_SERVO_WAITING) != 0 && length(s.last.device_force_n) == 0.0;
+    });
     hand.wait_for_ticks(20);
     CHECK(length(hand.state().last.device_force_n) == 0.0 && hand.motors() == 0.0);
     ANSWERS(PLP_OK, plp_sim_resume(world.sim));

@@ -170,13 +170,14 @@
 /// A bit of plp_haptic_state.flags: the dead-man switch is not held, and there shall be no force.
 #define PLP_HAPTIC_RELEASED 1
 
-/// A bit of plp_servo.flags: the motion, the time stamp or the contact model was not finite. No force, until the tool engages again.
+/// A bit of plp_servo.flags: the motion, the time stamp or the contact model was not finite, or time went backwards or stood
+/// still. No force, until the tool engages again.
 #define PLP_SERVO_NOT_FINITE 1
 
-/// The servo loop paused, or its time went backwards. No force, until the tool engages again.
+/// The servo loop paused. No force, until the tool engages again.
 #define PLP_SERVO_PAUSED (1 << 1)
 
-/// The simulation is gone or has failed. No force, until the tool engages again.
+/// The simulation is gone, has failed or was reset. No force, until the tool engages again.
 #define PLP_SERVO_STOPPED (1 << 2)
 
 /// The newest step is old: the last force is held and no longer follows the tool.
@@ -635,7 +636,7 @@ typedef struct {
     uint32_t buttons;
     /// Simulated time in s.
     double time_s;
-    /// FELL_BEHIND: how much wall-clock time was let go, in s.
+    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s.
     double value;
     /// SERVO_SILENT, BUTTONS: plp_tool_get_id of the tool; 0 for all others.
     uint64_t tool_id;

@@ -43,6 +43,7 @@
 //!     period_s,
 //!     stamp_s,
 //!     sequence,
+//!     epoch: 0,
 //! });
 //!
 //! // On the servo's thread, at each tick:

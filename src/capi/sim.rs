@@ -19,6 +19,7 @@ use super::types::*;
 use crate::error::Error;
 use crate::log::{self, Log};
 use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
+use crate::solver::method::Method;
 use crate::solver::load::{Load, Region};
 
 /// What a `plp_sim` stands for.
@@ -517,6 +518,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
     };
     Ok(SimDesc {
         backend: backend(desc.backend, desc.device)?,
+        method: Method::Lattice,
         precision,
         threads: desc.threads as usize,
         step_s: within(desc.step_s, 1e-6, 1.0, "step_s")?,

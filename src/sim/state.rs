@@ -15,10 +15,11 @@ use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
 use crate::model::material::Material;
-use crate::model::{Fix, Model, energy};
+use crate::model::{Fix, Model, efg, energy};
 use crate::servo::device::DeviceDesc;
 use crate::servo::{Servo, ServoOptions};
 use crate::solver::load::NodalLoads;
+use crate::solver::method::Method;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
 use crate::solver::{
@@ -366,12 +367,13 @@ impl State {
     pub fn energy(&mut self) -> Energy {
         let lattice = self.model.lattice();
         let laws = &self.body.laws;
-        let half = 0.5 * self.statistics.substep_s;
+        // Velocities of the lattice lag by half a substep.
+        let half = if self.desc.method == Method::Lattice { 0.5 * self.statistics.substep_s } else { 0.0 };
         let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
         for slot in lattice.slots() {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
-            // Velocities lag by half a substep; at the time of the displacements they are this.
+            // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
             let flags = self.body.flags[slot as usize];
             let a = accelerations[slot as usize] + gravity;
@@ -381,7 +383,11 @@ impl State {
             kinetic_j += 0.5 * mass * v.norm_squared();
             gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
         }
-        let elastic_j = energy::elastic_j(lattice, laws, |slot| self.solver.displacement(slot));
+        let u = |slot| self.solver.displacement(slot);
+        let elastic_j = match self.desc.method {
+            Method::Lattice => energy::elastic_j(lattice, laws, u),
+            Method::Efg(desc) => efg::energy::elastic_j(lattice, laws, desc.elasticity, u),
+        };
         Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
     }
 
@@ -516,6 +522,8 @@ impl State {
         statistics.awake_bricks = report.awake_bricks;
         statistics.max_strain = report.strain;
         statistics.volume_ratio = report.volume_ratio;
+        statistics.cg_iterations = report.iterations;
+        statistics.true_residual = report.residual;
         statistics.contact_points = report.contact_points;
         statistics.dropped_points = report.dropped_points;
         self.tool_work_j += self.sums.iter().map(|sum| sum.work_j).sum::<f64>();

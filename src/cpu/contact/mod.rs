@@ -15,6 +15,7 @@
 //! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses: a stiff wall
 //! without friction.
 
+mod found;
 mod near;
 mod node_index;
 
@@ -524,6 +525,12 @@ impl ContactSurface {
                 self.touched_bricks.push(brick);
             }
         }
+        self.tell(tools, t, sums);
+        furthest2.sqrt() * nodes.dt
+    }
+
+    /// Adds up what tools gave.
+    fn tell(&self, tools: &[ToolStep], t: f64, sums: &mut [ToolSum]) {
         for point in self.points.iter().filter(|p| p.push > 0.0) {
             let tool = &tools[point.tool as usize];
             let origin = tool.path.at(t).translation.vector;
@@ -533,7 +540,6 @@ impl ContactSurface {
             sum.impulse.torque_n_m -= (point.position - origin).cross(&impulse);
             sum.work_j += impulse.dot(&point.tool_velocity);
         }
-        furthest2.sqrt() * nodes.dt
     }
 }
 

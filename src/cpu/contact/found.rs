@@ -1,0 +1,84 @@
+//! Contact for a solver that finds impulses itself, together with all that tissue does in a step: where points are inside tools, and what they then receive.
+
+use super::super::lanes::Real;
+use super::{ContactNodes, ContactSurface, PUSH_LIMIT};
+use crate::math::Vec3;
+use crate::solver::{ToolStep, ToolSum};
+
+/// A point that is inside a tool if nothing pushes it out.
+#[derive(Clone, Copy, Debug)]
+pub struct Found<'a> {
+    /// Out of the tool.
+    pub normal: Vec3,
+    /// How far it must go to be out, in m; how far it may be pushed at most, where that is less.
+    pub target_m: f64,
+    /// What it has as an impulse where nothing that carries it can move, in N s.
+    pub wall: Option<f64>,
+    /// Velocity of the tool there, m/s.
+    pub tool_velocity: Vec3,
+    /// Friction of the tool.
+    pub friction: f64,
+    /// Local nodes, and their weights.
+    pub carried: &'a [(u32, f64)],
+}
+
+impl ContactSurface {
+    /// Looks for points inside tools at the end of a step, `nodes.u` being where nodes will be then. `span` is the fraction of the tools' ways in that step, and
+    /// `moved` bounds how far nodes of a brick and its neighbours were from rest at its start, in m.
+    pub fn look_ahead<R: Real>(
+        &mut self,
+        tools: &[ToolStep],
+        span: [f64; 2],
+        nodes: &ContactNodes<R>,
+        moved: impl Fn(u32) -> f64,
+    ) {
+        self.points.clear();
+        if tools.is_empty() {
+            self.near.forget();
+            return;
+        }
+        self.near.travel(nodes.furthest);
+        let is_fast = |tool: &ToolStep| {
+            let way = tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
+            way.max(2.0 * nodes.fastest * nodes.dt) > 0.5 * tool.desc.feature_m()
+        };
+        let follow = tools.iter().any(is_fast);
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        self.near.keep_up(surface, tools, nodes.u, |brick| moved(brick) + nodes.furthest);
+        if !self.near.triangles().is_empty() {
+            self.find_points(tools, span, follow, true, nodes);
+        }
+    }
+
+    /// The points that were found.
+    pub fn found<'a>(&'a self, tools: &'a [ToolStep], dt: f64) -> impl Iterator<Item = Found<'a>> {
+        let limit = PUSH_LIMIT * self.model.lattice().cell_m();
+        self.points.iter().map(move |point| Found {
+            normal: point.normal,
+            target_m: point.depth.min((limit + point.travel) * point.lever),
+            wall: (!point.is_movable).then(|| point.mass * point.depth / dt),
+            tool_velocity: point.tool_velocity,
+            friction: tools[point.tool as usize].desc.friction,
+            carried: &self.carried[point.start as usize..point.end as usize],
+        })
+    }
+
+    /// The nodes that carry points, by their local numbers: slots and velocities.
+    pub fn carriers(&self) -> impl ExactSizeIterator<Item = (u32, Vec3)> {
+        self.nodes.iter().map(|node| (node.slot, node.velocity))
+    }
+
+    /// Notes what each point received, along its normal and across it, in N s, and adds it to the sums of the tools, which are at the fraction `t` of their ways.
+    pub fn answer(
+        &mut self,
+        tools: &[ToolStep],
+        t: f64,
+        impulses: impl Iterator<Item = (f64, Vec3)>,
+        sums: &mut [ToolSum],
+    ) {
+        for (point, (push, drag)) in self.points.iter_mut().zip(impulses) {
+            (point.push, point.drag) = (push, drag);
+        }
+        self.tell(tools, t, sums);
+    }
+}

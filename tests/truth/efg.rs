@@ -1,0 +1,276 @@
+//! The meshless model: statics, how its steps end what swings, and contact inside them.
+
+use std::sync::Arc;
+
+use palpate::cpu::efg::route::EfgReal;
+use palpate::cpu::efg::solver::EfgSolver;
+use palpate::math::{Mat3, Quat, Vec3};
+use palpate::model::efg::energy::elastic_j;
+use palpate::model::{Build, Model};
+use palpate::sim::SimDesc;
+use palpate::solver::Solver;
+use palpate::solver::load::Load;
+use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
+use palpate::solver::tool::ToolDesc;
+
+use super::elastic::{BEAM, BEAM_DENSITY, timoshenko};
+use super::scene::{Body, Noise, block, exact, faces_at, hold, material, roller, step_to, touch_flat_top};
+use super::tolerance::{self as tol, Claim};
+
+const H: f64 = 0.01;
+const YOUNG: f64 = 1e4;
+
+/// Solved as far as double precision goes, in steps so long that tissue rests after a few.
+fn statics(elasticity: Elasticity) -> SimDesc {
+    let method = EfgDesc { elasticity, tolerance: 1e-9, max_iterations: 5000, ..EfgDesc::default() };
+    SimDesc { method: Method::Efg(method), step_s: 1.0, ..exact() }
+}
+
+fn model(build: &Build) -> Arc<Model> {
+    Arc::new(build.run(&mut |_, _| true).unwrap())
+}
+
+/// Nodal forces of a displacement field, and the largest displacement.
+fn forces<R: EfgReal>(model: &Arc<Model>, elasticity: Elasticity, u: impl Fn(Vec3) -> Vec3) -> (Vec<Vec3>, f64) {
+    let lattice = model.lattice();
+    let desc = EfgDesc { elasticity, ..EfgDesc::default() };
+    let mut solver = EfgSolver::<R>::new(model, &desc, 1).unwrap();
+    let mut furthest = 0.0_f64;
+    for slot in lattice.slots() {
+        let moved = u(lattice.rest_position(slot));
+        furthest = furthest.max(moved.norm());
+        solver.set_node(slot, moved, Vec3::zeros());
+    }
+    let mass = |slot| lattice.node_mass(slot, |m| model.laws()[usize::from(m)].corner_kg);
+    // Rotations are found from where they were: a few times for those that were at rest.
+    (0..8).for_each(|_| drop(solver.accelerations()));
+    let a = solver.accelerations();
+    (lattice.slots().map(|slot| a[slot as usize] * mass(slot)).collect(), furthest)
+}
+
+#[test]
+fn a_rotated_body_feels_no_force_unless_it_is_linear() {
+    let mut claim = Claim::new("EFG rotation");
+    let tissue = material(YOUNG, 0.45, 1000.0);
+    let stiff = (2.0 * tissue.shear_modulus_pa() + tissue.lame_lambda_pa()) / YOUNG;
+    let model = model(&block([9, 5, 4], H, tissue));
+    let mut noise = Noise(5);
+    let largest = |f: &[Vec3]| f.iter().map(Vec3::norm).fold(0.0, f64::max);
+    for elasticity in [Elasticity::Corotated, Elasticity::StVenantKirchhoff] {
+        for case in 0..4 {
+            let rotation = Quat::from_scaled_axis(noise.vec3() * 1.5);
+            let shift = noise.vec3() * H;
+            let turned = |x: Vec3| rotation * x + shift - x;
+            let unit = |u: f64| stiff * (u / H) * YOUNG * H * H;
+            let (f, u) = forces::<f32>(&model, elasticity, turned);
+            claim.check(tol::ROTATION_F32, &format!("{elasticity:?}, single, {case}"), largest(&f) / unit(u));
+            let (f, u) = forces::<f64>(&model, elasticity, turned);
+            claim.check(tol::ROTATION_F64, &format!("{elasticity:?}, double, {case}"), largest(&f) / unit(u));
+        }
+    }
+    let turned = |x: Vec3| Quat::from_scaled_axis(Vec3::z() * 0.35) * x - x;
+    let (f, _) = forces::<f64>(&model, Elasticity::Linear, turned);
+    assert!(largest(&f) > 0.01 * YOUNG * H * H, "a linear body is strained by cos 0.35 - 1");
+}
+
+#[test]
+fn affine_strain_pulls_free_surfaces_with_its_stress_and_stores_its_energy() {
+    let mut claim = Claim::new("EFG affine");
+    let tissue = material(YOUNG, 0.45, 1000.0);
+    let model = model(&block([9, 5, 4], H, tissue.clone()));
+    let lattice = model.lattice();
+    let mut noise = Noise(11);
+    for elasticity in [Elasticity::Corotated, Elasticity::Linear, Elasticity::StVenantKirchhoff] {
+        let gradient = Mat3::from_fn(|_, _| 1e-7 * noise.next());
+        let strain = 0.5 * (gradient + gradient.transpose());
+        let sigma = Mat3::identity() * (tissue.lame_lambda_pa() * strain.trace())
+            + strain * (2.0 * tissue.shear_modulus_pa());
+        let (found, _) = forces::<f64>(&model, elasticity, |x| gradient * x);
+        let scale = sigma.norm() * H * H;
+        let off = lattice.slots().zip(&found).map(|(slot, f)| {
+            // Each cell around the node pulls by its stress through a quarter of three faces.
+            let word = lattice.words()[slot as usize];
+            let cells = (0..8).filter(|c| word >> (4 * c) & 15 != 0);
+            let outward: Vec3 = cells
+                .map(|c: u32| Vec3::from_fn(|a, _| if c >> a & 1 == 1 { 1.0 } else { -1.0 } * H * H / 4.0))
+                .sum();
+            (f - sigma * outward).norm() / scale
+        });
+        claim.check(tol::AFFINE_FORCE, &format!("{elasticity:?}, forces"), off.fold(0.0, f64::max));
+        let stored = elastic_j(lattice, model.laws(), elasticity, |s| gradient * lattice.rest_position(s));
+        let expected = 0.5 * sigma.component_mul(&strain).sum() * lattice.cell_count() as f64 * H.powi(3);
+        claim.check(tol::AFFINE_ENERGY, &format!("{elasticity:?}, energy"), stored / expected - 1.0);
+    }
+}
+
+#[test]
+fn forces_are_the_slope_of_the_energy() {
+    let mut claim = Claim::new("EFG potential");
+    let model = model(&block([4, 3, 3], H, material(YOUNG, 0.45, 1000.0)));
+    let lattice = model.lattice();
+    for elasticity in [Elasticity::Corotated, Elasticity::Linear, Elasticity::StVenantKirchhoff] {
+        let mut noise = Noise(21);
+        let bent: Vec<Vec3> = (0..lattice.slot_count()).map(|_| noise.vec3() * 0.05 * H).collect();
+        let way: Vec<Vec3> = (0..lattice.slot_count()).map(|_| noise.vec3()).collect();
+        let step = 1e-6 * H;
+        let at = |t: f64| elastic_j(lattice, model.laws(), elasticity, |s| bent[s as usize] + way[s as usize] * t);
+        let slope = (at(step) - at(-step)) / (2.0 * step);
+        let place = |x: Vec3| {
+            let slot = lattice.slot([0, 1, 2].map(|a| (x[a] / H).round() as usize)).unwrap();
+            bent[slot as usize]
+        };
+        let (found, _) = forces::<f64>(&model, elasticity, place);
+        let work: f64 = lattice.slots().zip(&found).map(|(slot, f)| f.dot(&way[slot as usize])).sum();
+        claim.check(tol::POTENTIAL, &format!("{elasticity:?}"), work / slope + 1.0);
+    }
+}
+
+#[test]
+fn uniform_traction_recovers_youngs_modulus_and_poissons_ratio() {
+    let mut claim = Claim::new("EFG uniaxial");
+    for poisson in [0.25, 0.40, 0.45, 0.49] {
+        let cells = 4;
+        let mut build = block([cells; 3], H, material(YOUNG, poisson, 1000.0));
+        (0..3).for_each(|axis| roller(&mut build, axis));
+        let mut body = Body::new(&build, &statics(Elasticity::Corotated));
+        let length = cells as f64 * H;
+        let traction_pa = Vec3::x() * (1e-4 * YOUNG);
+        body.sim.add_load(&Load::Traction { region: faces_at(0, length), traction_pa }).unwrap();
+        body.steps(4);
+        let u = body.u();
+        let [along, across] = [0, 1].map(|axis| body.mean_over_plane(axis, length, &u)[axis] / length);
+        claim.check(tol::MODULI, &format!("E at nu {poisson}"), 1e-4 / along - 1.0);
+        claim.check(tol::MODULI, &format!("nu {poisson}"), -across / along / poisson - 1.0);
+    }
+}
+
+#[test]
+fn a_cantilever_converges_to_timoshenko_without_locking_or_hourglass() {
+    let mut claim = Claim::new("EFG cantilever");
+    let length = 8.0 * BEAM;
+    for (poisson, references) in [
+        (0.25, [1.063, 1.015, 1.005]),
+        (0.40, [1.070, 1.017, 1.005]),
+        (0.45, [1.071, 1.016, 1.005]),
+        (0.49, [1.070, 1.016, 1.005]),
+    ] {
+        let mut ratios = Vec::new();
+        for (cells, reference) in [2, 4, 8].into_iter().zip(references) {
+            let (half, h) = (cells / 2, BEAM / cells as f64);
+            let mut build = block([8 * cells, half, half], h, material(YOUNG, poisson, BEAM_DENSITY));
+            roller(&mut build, 0);
+            roller(&mut build, 1);
+            hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true, true, false]);
+            hold(&mut build, Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0), [false, false, true]);
+            let mut body = Body::new(&build, &SimDesc { step_s: 1.0, ..statics(Elasticity::Corotated) });
+            let tip = 1e-4 * length;
+            let force = tip / timoshenko(poisson, length).0;
+            let traction_pa = Vec3::z() * (force / (BEAM * BEAM));
+            body.sim.add_load(&Load::Traction { region: faces_at(0, length), traction_pa }).unwrap();
+            body.steps(6);
+            let ratio = body.mean_over_plane(0, length, &body.u()).z / tip;
+            let name = format!("nu {poisson}, {cells} cells, ratio {ratio:.4}");
+            claim.check(tol::BEAM_REFERENCE, &name, ratio - reference);
+            ratios.push(ratio);
+        }
+        assert!(ratios.is_sorted_by(|a, b| a >= b), "convergence is monotone: {ratios:?}");
+        claim.check(tol::BEAM_CONVERGED, &format!("nu {poisson}, 8 cells"), ratios[2] - 1.0);
+    }
+}
+
+/// One cell that can only stretch along x: an oscillator. Its (ω dt)², and a body that swings.
+fn oscillator(scheme: Scheme, dt: f64) -> (f64, Body) {
+    let tissue = material(YOUNG, 0.3, 1000.0);
+    let modulus = tissue.lame_lambda_pa() + 2.0 * tissue.shear_modulus_pa();
+    // Half the mass swings on a bar of one cell.
+    let omega2 = 2.0 * modulus / (1000.0 * H * H);
+    let mut build = block([1; 3], H, tissue);
+    roller(&mut build, 0);
+    hold(&mut build, Vec3::repeat(-1.0), Vec3::repeat(1.0), [false, true, true]);
+    let method = EfgDesc { elasticity: Elasticity::Linear, scheme, tolerance: 1e-12, ..EfgDesc::default() };
+    let desc = SimDesc { method: Method::Efg(method), step_s: dt, ..exact() };
+    let mut body = Body::new(&build, &desc);
+    body.set(|x| (Vec3::x() * (1e-6 * x.x / H), Vec3::zeros()));
+    (omega2 * dt * dt, body)
+}
+
+#[test]
+fn backward_euler_loses_its_share_of_amplitude_in_each_step() {
+    let mut claim = Claim::new("backward Euler");
+    for dt in [1e-4, 1e-3, 1e-2] {
+        let (s, mut body) = oscillator(Scheme::BackwardEuler, dt);
+        for step in 0..5 {
+            let before = body.total_energy();
+            body.steps(1);
+            let lost = body.total_energy() / before * (1.0 + s);
+            claim.check(tol::STEP_LOSS, &format!("dt {dt}, step {step}"), lost - 1.0);
+        }
+    }
+}
+
+#[test]
+fn the_papers_scheme_damps_nothing_and_slows_what_is_fast() {
+    let mut claim = Claim::new("paper's scheme");
+    for dt in [1e-4, 1e-3, 1e-2] {
+        let (s, mut body) = oscillator(Scheme::Paper, dt);
+        let far = |body: &Body| body.mean_over_plane(0, H, &body.u()).x;
+        let mut u = vec![far(&body)];
+        for _ in 0..50 {
+            body.steps(1);
+            u.push(far(&body));
+        }
+        // A matrix of determinant 1 and this trace moves (u, v).
+        let trace = 1.0 + 1.0 / (1.0 + s);
+        for n in 1..50 {
+            let left = u[n + 1] - trace * u[n] + u[n - 1];
+            claim.check(tol::STEP_LOSS, &format!("dt {dt}, step {n}"), left / 1e-6);
+        }
+    }
+}
+
+#[test]
+fn momentum_of_a_free_body_is_kept() {
+    let mut claim = Claim::new("EFG momentum");
+    let method = EfgDesc { tolerance: 1e-10, max_iterations: 1000, ..EfgDesc::default() };
+    let desc = SimDesc { method: Method::Efg(method), ..exact() };
+    let mut body = Body::new(&block([5, 4, 3], H, material(YOUNG, 0.45, 1000.0)), &desc);
+    let mut noise = Noise(3);
+    let kicks: Vec<Vec3> = body.slots.iter().map(|_| noise.vec3() * 0.1).collect();
+    let mut at = 0;
+    for (&slot, kick) in body.slots.iter().zip(&kicks) {
+        body.sim.set_node(slot, Vec3::zeros(), *kick).unwrap();
+        at += 1;
+    }
+    assert_eq!(at, kicks.len());
+    let (before, size) = body.momentum();
+    body.steps(200);
+    claim.check(tol::IMPLICIT_MOMENTUM, "linear", (body.momentum().0 - before).norm() / size);
+}
+
+#[test]
+fn a_ball_and_tissue_push_each_other_alike_and_as_hertz_says() {
+    let mut claim = Claim::new("EFG contact");
+    // A quarter of a block, pressed by a ball on its axis.
+    let (radius, h) = (0.010, 0.5e-3);
+    let cells = [30, 30, 30];
+    let tissue = material(YOUNG, 0.45, 1000.0);
+    let mut build = block(cells, h, tissue.clone());
+    roller(&mut build, 0);
+    roller(&mut build, 1);
+    hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
+    touch_flat_top(&mut build, cells, h);
+    let mut body = Body::new(&build, &SimDesc { step_s: 0.05, ..statics(Elasticity::Linear) });
+    let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.0, ..ToolDesc::sphere(radius) }).unwrap();
+    let top = cells[2] as f64 * h;
+    let depth = 0.4e-3;
+    let mut felt = Vec3::zeros();
+    for step in 0..=8 {
+        let deep = depth * (f64::from(step) / 4.0).min(1.0);
+        felt = step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + radius - deep)).wrench.force_n;
+    }
+    let statistics = body.sim.statistics();
+    let hertz = 4.0 / 3.0 * YOUNG / (1.0 - 0.45 * 0.45) * radius.sqrt() * depth.powf(1.5) / 4.0;
+    println!("{felt:?} against {hertz}, {} points, {} iterations", statistics.contact_points, statistics.cg_iterations);
+    // The layer is seven contact radii deep: stiffer than a half-space by its bonded base.
+    claim.check(tol::EFG_INDENTATION, "quarter of a ball", felt.z / hertz - 1.0);
+}

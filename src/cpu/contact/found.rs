@@ -5,12 +5,15 @@ use super::{ContactNodes, ContactSurface, PUSH_LIMIT};
 use crate::math::Vec3;
 use crate::solver::{ToolStep, ToolSum};
 
-/// A point that is inside a tool if nothing pushes it out.
+/// Share of a cell within which points are looked at whoever moves.
+const NEAR: f64 = 0.05;
+
+/// A point that is inside a tool at the end of a step if it stays where it is, or may come there.
 #[derive(Clone, Copy, Debug)]
 pub struct Found<'a> {
     /// Out of the tool.
     pub normal: Vec3,
-    /// How far it must go to be out, in m; how far it may be pushed at most, where that is less.
+    /// How far it must go to be out, in m, or how far it may be pushed at most, where that is less; below 0, how far it may come nearer.
     pub target_m: f64,
     /// What it has as an impulse where nothing that carries it can move, in N s.
     pub wall: Option<f64>,
@@ -22,9 +25,16 @@ pub struct Found<'a> {
     pub carried: &'a [(u32, f64)],
 }
 
+impl Found<'_> {
+    /// Whether it is inside where it stands, and can be moved.
+    pub fn is_inside(&self) -> bool {
+        self.wall.is_none() && self.target_m > 0.0
+    }
+}
+
 impl ContactSurface {
-    /// Looks for points inside tools at the end of a step, `nodes.u` being where nodes will be then. `span` is the fraction of the tools' ways in that step, and
-    /// `moved` bounds how far nodes of a brick and its neighbours were from rest at its start, in m.
+    /// Looks for points that are inside tools, as these are at the end of a step, or that may come there, nodes being where they are at its start. `span` is the
+    /// fraction of the tools' ways in that step, and `moved` bounds how far nodes of a brick and its neighbours are from rest, in m.
     pub fn look_ahead<R: Real>(
         &mut self,
         tools: &[ToolStep],
@@ -38,15 +48,15 @@ impl ContactSurface {
             return;
         }
         self.near.travel(nodes.furthest);
-        let is_fast = |tool: &ToolStep| {
-            let way = tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
-            way.max(2.0 * nodes.fastest * nodes.dt) > 0.5 * tool.desc.feature_m()
-        };
-        let follow = tools.iter().any(is_fast);
+        let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
+        let follow = tools.iter().any(|tool| way(tool) > 0.5 * tool.desc.feature_m());
+        // Tissue that was pressed follows a tool that leaves it.
+        let reach = 2.0 * (nodes.fastest * nodes.dt + tools.iter().map(way).fold(0.0, f64::max));
+        let reach = reach + NEAR * self.model.lattice().cell_m();
         let surface = &self.model.surfaces()[self.model.contact_surface()];
-        self.near.keep_up(surface, tools, nodes.u, |brick| moved(brick) + nodes.furthest);
+        self.near.keep_up(surface, tools, nodes.u, reach, moved);
         if !self.near.triangles().is_empty() {
-            self.find_points(tools, span, follow, true, nodes);
+            self.find_points(tools, span, follow, false, reach, nodes);
         }
     }
 
@@ -56,16 +66,16 @@ impl ContactSurface {
         self.points.iter().map(move |point| Found {
             normal: point.normal,
             target_m: point.depth.min((limit + point.travel) * point.lever),
-            wall: (!point.is_movable).then(|| point.mass * point.depth / dt),
+            wall: (!point.is_movable).then(|| point.mass * point.depth.max(0.0) / dt),
             tool_velocity: point.tool_velocity,
             friction: tools[point.tool as usize].desc.friction,
             carried: &self.carried[point.start as usize..point.end as usize],
         })
     }
 
-    /// The nodes that carry points, by their local numbers: slots and velocities.
-    pub fn carriers(&self) -> impl ExactSizeIterator<Item = (u32, Vec3)> {
-        self.nodes.iter().map(|node| (node.slot, node.velocity))
+    /// Slots of the nodes that carry points, by their local numbers.
+    pub fn carriers(&self) -> impl Iterator<Item = u32> {
+        self.nodes.iter().map(|node| node.slot)
     }
 
     /// Notes what each point received, along its normal and across it, in N s, and adds it to the sums of the tools, which are at the fraction `t` of their ways.

@@ -3,16 +3,16 @@
 //! Two meetings for each iteration, one more where there is contact. Residuals drift in single precision: the one that ends a solution is computed anew from what
 //! was found, and where it is too large still, iterations begin again from there.
 
-use super::super::lanes::{Lanes, Real};
+use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::Run;
 use super::super::workers::Member;
 use super::press::Press;
-use super::system::Parts;
+use super::system::{Parts, Residue};
 
 /// The recursive residual is brought this much further down than the true one has to be.
 const AHEAD: f64 = 0.7;
 /// A new start that leaves more than this share of the residual has met what rounding leaves.
-const STALLED: f64 = 0.5;
+const STALLED: f64 = 0.9;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +37,48 @@ pub struct Reached {
     pub reference: f64,
 }
 
+/// What a solution is made of.
+struct Solution<'a, R: Real> {
+    parts: &'a Parts<'a, R>,
+    press: &'a Press,
+    member: &'a Member<'a>,
+    mine: &'a [Run],
+    /// What contact adds to p·q.
+    work: *mut f64,
+}
+
+// Plain loops and functions, no closures around what computes: those would not be compiled for what the processor has.
+impl<R: Real> Solution<'_, R> {
+    /// Adds what contact has of A times `of` to q, by one member while others wait.
+    fn touch(&self, of: *const Octet<R>) {
+        if !self.press.is_empty() {
+            if self.member.index == 0 {
+                // SAFETY: the others wait.
+                unsafe { *self.work = self.press.multiply(self.parts, of) };
+            }
+            self.member.meet();
+        }
+    }
+
+    /// b − A x, and what it comes to.
+    #[inline(always)]
+    unsafe fn renew<L: Lanes<Real = R>>(&self, starts: bool) -> Residue {
+        // SAFETY: every run is one member's, and they meet between parts.
+        unsafe {
+            for &run in self.mine {
+                self.parts.multiply::<L>(run, starts);
+            }
+            self.member.meet();
+            self.touch(self.parts.x);
+            for &run in self.mine {
+                self.parts.renew::<L>(run);
+            }
+            self.member.meet();
+            self.parts.residue()
+        }
+    }
+}
+
 /// Improves x. Every member calls this with the same arguments and gets the same answer; `work` is a place that they share.
 ///
 /// # Safety
@@ -49,50 +91,42 @@ pub unsafe fn solve<L: Lanes>(
     mine: &[Run],
     budget: &Budget,
     work: *mut f64,
-) -> Reached
-where
-    L::Real: Real,
-{
-    // What contact adds to q, by one member while others wait.
-    let touch = |of| {
-        if !press.is_empty() {
-            if member.index == 0 {
-                // SAFETY: the others wait.
-                unsafe { *work = press.multiply(parts, of) };
-            }
-            member.meet();
+) -> Reached {
+    let solution = Solution { parts, press, member, mine, work };
+    let mut reached = Reached::default();
+    let mut starts = true;
+    loop {
+        // SAFETY: as promised.
+        let mut now = unsafe { solution.renew::<L>(starts && budget.reference.is_none()) };
+        let left = now.rr.sqrt();
+        // A new start that found little has met what rounding leaves.
+        let stalls = !starts && !(left < STALLED * reached.residual);
+        if starts {
+            reached.reference = budget.reference.unwrap_or(left);
+            starts = false;
         }
-    };
-    // b − A x, and what it comes to.
-    let residue = |starts: bool| {
-        // SAFETY: every run is one member's, and they meet between parts.
-        unsafe {
-            mine.iter().for_each(|&run| parts.multiply::<L>(run, starts));
-            member.meet();
-            touch(parts.x.cast_const());
-            mine.iter().for_each(|&run| parts.renew::<L>(run));
-            member.meet();
-            parts.residue()
+        reached.residual = left;
+        let target = (budget.tolerance * reached.reference).max(budget.noise);
+        if !(left > target) || stalls || reached.iterations >= budget.iterations {
+            return reached;
         }
-    };
-    let mut now = residue(budget.reference.is_none());
-    let reference = budget.reference.unwrap_or(now.rr.sqrt());
-    let target = (budget.tolerance * reference).max(budget.noise);
-    let mut reached = Reached { iterations: 0, residual: now.rr.sqrt(), reference };
-    while reached.residual > target && reached.iterations < budget.iterations {
         let (mut beta, mut turn) = (0.0, 0);
         while now.rr.sqrt() > AHEAD * target && reached.iterations < budget.iterations {
-            // SAFETY: as above. What one part sums up, none writes before the next meeting but one.
+            // SAFETY: as promised. What one part sums up, none writes before the next meeting but one.
             unsafe {
-                mine.iter().for_each(|&run| parts.advance::<L>(run, beta, turn));
+                for &run in mine {
+                    parts.advance::<L>(run, beta, turn);
+                }
                 member.meet();
-                touch(parts.p[1 - turn].cast_const());
+                solution.touch(parts.p[1 - turn]);
                 let pq = parts.pq() + if press.is_empty() { 0.0 } else { *work };
                 // Not a number, or no descent: what was found so far stands.
                 if !(pq > 0.0) {
                     break;
                 }
-                mine.iter().for_each(|&run| parts.relax::<L>(run, now.rz / pq, turn));
+                for &run in mine {
+                    parts.relax::<L>(run, now.rz / pq, turn);
+                }
                 member.meet();
                 let next = parts.residue();
                 (beta, turn) = (next.rz / now.rz, 1 - turn);
@@ -100,13 +134,5 @@ where
             }
             reached.iterations += 1;
         }
-        now = residue(false);
-        let left = now.rr.sqrt();
-        let stalls = !(left < STALLED * reached.residual);
-        reached.residual = left;
-        if stalls {
-            break;
-        }
     }
-    reached
 }

@@ -53,7 +53,7 @@ pub trait Law<L: Lanes, const N: usize> {
 
 /// Materials of a row of cells.
 #[inline(always)]
-fn materials(bricks: &Bricks, row: CellRow) -> &[u8; 8] {
+pub fn materials(bricks: &Bricks, row: CellRow) -> &[u8; 8] {
     let at = row.brick * BRICK_SLOTS + row.row * 8;
     bricks.cells[at..at + 8].try_into().expect("a row has eight cells")
 }
@@ -66,13 +66,15 @@ fn place(around: &[u32; 27], x: usize, y: usize, z: usize) -> CellRow {
 }
 
 /// The nodes around one brick's cells.
-struct Staged<L> {
+pub struct Staged<L> {
     rows: [Edge<L, 3>; ROWS],
 }
 
 impl<L: Lanes> Staged<L> {
+    /// # Safety
+    /// Nobody writes what `source` reads.
     #[inline(always)]
-    unsafe fn load(bricks: &Bricks, brick: usize, source: &impl Source<L>) -> Self {
+    pub unsafe fn load(bricks: &Bricks, brick: usize, source: &impl Source<L>) -> Self {
         let around = &bricks.neighbours[brick];
         let mut staged = Self { rows: [[[L::splat(0.0); 3]; 2]; ROWS] };
         for z in 0..SIDE {
@@ -99,8 +101,9 @@ impl<L: Lanes> Staged<L> {
         staged
     }
 
+    /// Those of the row of cells whose lowest corners are staged at y, z.
     #[inline(always)]
-    fn corners(&self, y: usize, z: usize) -> Corners<L, 3> {
+    pub fn corners(&self, y: usize, z: usize) -> Corners<L, 3> {
         let at = z * SIDE + y;
         [self.rows[at], self.rows[at + 1], self.rows[at + SIDE], self.rows[at + SIDE + 1]]
     }
@@ -174,33 +177,17 @@ pub unsafe fn gather<L: Lanes, const N: usize>(
         let staged = unsafe { Staged::load(bricks, brick, source) };
         // SAFETY: as above.
         let received: Received<L, N> = unsafe { Received::of(bricks, brick, &staged, law) };
-        for row in (0..BRICK_ROWS).filter(|row| bricks.rows[brick] >> row & 1 != 0) {
+        for row in 0..BRICK_ROWS {
+            if bricks.rows[brick] >> row & 1 == 0 {
+                continue;
+            }
             let [low, high] = received.rows[row];
-            let sum = std::array::from_fn(|n| low[n].add(high[n].shift_up(last.rows[row][1][n])));
+            let mut sum = low;
+            for n in 0..N {
+                sum[n] = low[n].add(high[n].shift_up(last.rows[row][1][n]));
+            }
             finish(brick, row, sum, staged.rows[(row / 4 + 1) * SIDE + row % 4 + 1][0]);
         }
         last = received;
-    }
-}
-
-/// Visits the rows of a brick's own cells, with what their corners hold.
-///
-/// # Safety
-/// As [`gather`].
-#[inline(always)]
-pub unsafe fn for_each_row<L: Lanes>(
-    bricks: &Bricks,
-    brick: usize,
-    source: &impl Source<L>,
-    mut visit: impl FnMut(CellRow, &[u8; 8], &Corners<L, 3>),
-) {
-    // SAFETY: as the caller promises.
-    let staged = unsafe { Staged::load(bricks, brick, source) };
-    for row in 0..BRICK_ROWS {
-        let at = CellRow { brick, row };
-        let materials = materials(bricks, at);
-        if u64::from_le_bytes(*materials) != 0 {
-            visit(at, materials, &staged.corners(row % 4 + 1, row / 4 + 1));
-        }
     }
 }

@@ -68,17 +68,20 @@ impl<L: Lanes> Source<L> for Onward<L::Real> {
 /// The mean displacement gradient of eight cells, and the sums of their corners' components.
 #[inline(always)]
 pub fn gradient<L: Lanes>(u: &Corners<L, 3>, inverse_4h: L) -> (Matrix<L>, [L; 3]) {
-    let of = |c: usize| {
-        let [a, b, d, e] = [0, 1, 2, 3].map(|r| [u[r][0][c], u[r][1][c]]);
-        let [sa, sb, sd, se] = [a, b, d, e].map(|[low, high]| low.add(high));
-        let [xa, xb, xd, xe] = [a, b, d, e].map(|[low, high]| high.sub(low));
-        let dx = xa.add(xb).add(xd.add(xe));
-        let dy = sb.sub(sa).add(se.sub(sd));
-        let dz = sd.sub(sa).add(se.sub(sb));
-        ([dx, dy, dz].map(|d| d.mul(inverse_4h)), sa.add(sb).add(sd.add(se)))
-    };
-    let (x, y, z) = (of(0), of(1), of(2));
-    ([x.0, y.0, z.0], [x.1, y.1, z.1])
+    let mut sums = u[0][0];
+    let mut g = [sums; 3];
+    for c in 0..3 {
+        let [a, b, d, e] = [u[0], u[1], u[2], u[3]];
+        let (sa, sb) = (a[0][c].add(a[1][c]), b[0][c].add(b[1][c]));
+        let (sd, se) = (d[0][c].add(d[1][c]), e[0][c].add(e[1][c]));
+        let (xa, xb) = (a[1][c].sub(a[0][c]), b[1][c].sub(b[0][c]));
+        let (xd, xe) = (d[1][c].sub(d[0][c]), e[1][c].sub(e[0][c]));
+        g[c][0] = xa.add(xb).add(xd.add(xe)).mul(inverse_4h);
+        g[c][1] = sb.sub(sa).add(se.sub(sd)).mul(inverse_4h);
+        g[c][2] = sd.sub(sa).add(se.sub(sb)).mul(inverse_4h);
+        sums[c] = sa.add(sb).add(sd.add(se));
+    }
+    (g, sums)
 }
 
 /// The forces on the corners of eight cells by stress and by what affine motion leaves: see [`crate::model::efg::law`].
@@ -95,7 +98,11 @@ fn corner_forces<L: Lanes>(
     let pull = hourglass.mul(half_h);
     let zero = L::splat(0.0);
     for c in 0..3 {
-        let [x, y, z] = [0, 1, 2].map(|a| g[c][a].mul(pull).sub(stress[c][a].mul(quarter_h2)));
+        let (x, y, z) = (
+            g[c][0].mul(pull).sub(stress[c][0].mul(quarter_h2)),
+            g[c][1].mul(pull).sub(stress[c][1].mul(quarter_h2)),
+            g[c][2].mul(pull).sub(stress[c][2].mul(quarter_h2)),
+        );
         let mean = sums[c].mul(hourglass.mul(L::splat(0.125)));
         let (same, opposite) = (y.add(z), y.sub(z));
         let sides = [zero.sub(same), opposite, zero.sub(opposite), same];

@@ -1,10 +1,11 @@
 //! Contact inside the implicit step.
 //!
-//! A point that would end the step inside a tool is pushed out by a spring that is far stiffer than the tissue that carries it, and held back across its normal by
+//! A point that ends the step inside a tool is pushed out by a spring that is far stiffer than the tissue that carries it, and held back across its normal by
 //! Coulomb's law; both are parts of A and b. The spring takes its compliance, a [`STIFFNESS`]th of the tissue's, as depth. A point that would be pulled is let go of,
 //! and friction's law is followed by that of the last solution, so that A stays symmetric: a few solutions, each from the one before, until nothing changes.
 
 use super::super::contact::ContactSurface;
+use super::super::contact::found::Found;
 use super::super::lanes::Real;
 use super::system::{Block, Parts, System};
 use crate::math::{Mat3, Vec3};
@@ -51,8 +52,8 @@ pub struct Press {
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
     nodes: Vec<u32>,
-    velocities: Vec<Vec3>,
     blocks: Vec<Mat3>,
+    shares: Vec<f64>,
 }
 
 fn matrix(b: &Block) -> Mat3 {
@@ -76,23 +77,27 @@ impl Press {
         self.points.clear();
         self.carried.clear();
         self.nodes.clear();
-        self.velocities.clear();
         self.blocks.clear();
-        for (slot, velocity) in contact.carriers() {
-            self.nodes.push(slot);
-            self.velocities.push(velocity);
-            self.blocks.push(Mat3::zeros());
+        self.shares.clear();
+        self.nodes.extend(contact.carriers());
+        self.blocks.resize(self.nodes.len(), Mat3::zeros());
+        // How much all points together put on a node: as many as share it share the stiffness that it takes.
+        self.shares.resize(self.nodes.len(), 0.0);
+        for found in contact.found(tools, dt).filter(Found::is_inside) {
+            for &(node, weight) in found.carried {
+                self.shares[node as usize] += weight.abs();
+            }
         }
         for found in contact.found(tools, dt) {
             let yielding = |&(node, weight): &(u32, f64)| {
                 let inverse = matrix(&system.inverse(self.nodes[node as usize]));
-                weight * weight * found.normal.dot(&(inverse * found.normal))
+                let shared = self.shares[node as usize].max(weight.abs());
+                weight.abs() * shared * found.normal.dot(&(inverse * found.normal))
             };
             let stiffness = STIFFNESS / found.carried.iter().map(yielding).sum::<f64>();
-            let before: Vec3 = found.carried.iter().map(|&(n, w)| self.velocities[n as usize] * w).sum();
             // At first everything in contact sticks.
             let law = Law {
-                is_pushed: found.wall.is_none(),
+                is_pushed: found.is_inside(),
                 grip: if found.friction > 0.0 { stiffness } else { 0.0 },
             };
             let start = self.carried.len();
@@ -102,7 +107,7 @@ impl Press {
                 start,
                 end: self.carried.len(),
                 stiffness,
-                wanted: before.dot(&found.normal) + found.target_m / dt,
+                wanted: found.target_m / dt,
                 tool_velocity: found.tool_velocity,
                 friction: found.friction,
                 law,

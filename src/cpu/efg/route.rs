@@ -36,7 +36,9 @@ pub trait EfgReal: Real {
 unsafe fn begin<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run]) {
     // SAFETY: the caller's runs are its own, and all meet before frames of other bricks are read.
     unsafe {
-        mine.iter().for_each(|&run| parts.look::<L>(run));
+        for &run in mine {
+            parts.look::<L>(run);
+        }
         member.meet();
         for &run in mine {
             parts.invert::<L>(run);
@@ -48,7 +50,11 @@ unsafe fn begin<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run])
 #[inline(always)]
 unsafe fn finish<L: Lanes>(parts: &Parts<L::Real>, mine: &[Run]) {
     // SAFETY: the caller's runs are its own.
-    unsafe { mine.iter().for_each(|&run| parts.finish::<L>(run)) }
+    unsafe {
+        for &run in mine {
+            parts.finish::<L>(run);
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]

@@ -1,6 +1,6 @@
 //! The meshless model's state on the processor, and how its threads take an implicit step.
 //!
-//! In each step all threads turn the cells' frames and say where nodes go by themselves; one thread alone looks for contact; all build the system and solve it, which is
+//! In each step all threads turn the cells' frames and build the system; one thread alone looks for contact; all solve it, which is
 //! done again where contact answered otherwise than it was asked; then nodes move.
 
 use std::sync::Arc;
@@ -169,26 +169,21 @@ impl<R: EfgReal> EfgSolver<R> {
     }
 
     fn look_for_contact(&mut self, plan: &StepPlan, span: [f64; 2]) {
-        let way = self.fastest * plan.dt;
         let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
-        let Self { system, contact, u, v, bricks, flags, press, .. } = self;
-        // Where nodes go by themselves, in a field that the solution has no use for yet.
-        let mut ahead = std::mem::replace(&mut system.q, Field(Vec::new()));
+        let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
-            u_before: u,
-            u: &mut ahead,
+            u_before: &Field(Vec::new()),
+            u,
             v,
             flags,
             corner_kg: &corner_kg,
             dt: plan.dt,
             step: plan.dt * f64::from(plan.substeps),
-            fastest: self.fastest,
-            // Since the last look nodes have moved, and go elsewhere than they did then.
-            furthest: 3.0 * way,
+            fastest: *fastest,
+            furthest: *fastest * plan.dt,
         };
         let moved = |brick: u32| bricks.around(brick as usize).map(|near| system.moved(near)).fold(0.0, f64::max);
         contact.look_ahead(plan.tools, span, &nodes, moved);
-        system.q = ahead;
         press.begin(contact, plan.tools, plan.dt, system);
     }
 

@@ -38,7 +38,7 @@ pub struct System<R> {
     r: Field<R>,
     z: Field<R>,
     p: [Field<R>; 2],
-    /// Before the solution, displacements at the end of the step if velocities stay; after it, A x.
+    /// A p, and after the solution A x.
     pub q: Field<R>,
     pq: Vec<f64>,
     residues: Vec<Residue>,
@@ -216,7 +216,7 @@ impl<R: Real> System<R> {
 /// The parts of a step, each done by threads that take runs of bricks of their own. Between two parts threads meet.
 ///
 /// All are unsafe in the same way: every run is one thread's, and threads meet before another part reads across bricks what this one wrote.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Parts<'a, R> {
     pub bricks: &'a Bricks,
     flags: &'a [u8],
@@ -307,26 +307,24 @@ impl<R: Real> Parts<'_, R> {
         self.flags[at..at + 8].try_into().expect("a row has eight nodes")
     }
 
-    /// The rows of a brick that hold nodes.
+    /// Whether a row of a brick holds nodes.
     #[inline(always)]
-    fn rows(&self, brick: usize) -> impl Iterator<Item = usize> + use<R> {
-        let held = self.bricks.rows[brick];
-        (0..BRICK_ROWS).filter(move |row| held >> row & 1 != 0)
+    fn is_held(&self, brick: usize, row: usize) -> bool {
+        self.bricks.rows[brick] >> row & 1 != 0
     }
 
-    /// Finds the frames of a run's cells, and where its nodes go if their velocities stay, as q.
+    /// Finds the frames of a run's cells, and how far its nodes are from rest.
     #[inline(always)]
     pub unsafe fn look<L: Lanes<Real = R>>(&self, run: Run) {
-        let (t, dt) = (self.tables, L::splat(self.step.dt));
+        let t = self.tables;
         for brick in run.first..run.end() {
             let mut moved2 = L::splat(0.0);
             for row in 0..BRICK_ROWS {
                 let mut u2 = L::splat(0.0);
-                for octet in [0, 1, 2].map(|c| at(brick, row, c)) {
+                for c in 0..3 {
                     // SAFETY: octets of a brick of this thread's.
                     unsafe {
-                        let u = L::load(self.u.add(octet).cast());
-                        L::load(self.v.add(octet).cast()).fma(dt, u).store(self.q.add(octet).cast());
+                        let u = L::load(self.u.add(at(brick, row, c)).cast());
                         u2 = u.fma(u, u2);
                     }
                 }
@@ -362,11 +360,12 @@ impl<R: Real> Parts<'_, R> {
                 let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
                 let [xx, xy, xz, yy, yz, zz] = block;
                 let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
-                let noise = [xx, yy, zz].into_iter().zip(moved).map(|(a, u)| a.mul(u)).map(|x| x.mul(x));
-                let noise = noise.fold(L::splat(0.0), L::add);
+                let (x, y, z) = (xx.mul(moved[0]), yy.mul(moved[1]), zz.mul(moved[2]));
+                let noise = x.fma(x, y.fma(y, z.mul(z)));
                 (*self.seen.add(brick)).noise2 += sum_of(noise) * (epsilon / self.step.dt).powi(2);
-                for (n, number) in inverted([xx, xy, xz, yy, yz, zz]).into_iter().enumerate() {
-                    number.store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
+                let inverse = inverted([xx, xy, xz, yy, yz, zz]);
+                for n in 0..BLOCK {
+                    inverse[n].store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
                 }
             });
         }
@@ -409,7 +408,11 @@ impl<R: Real> Parts<'_, R> {
         unsafe {
             gather::<L, 3>(self.bricks, run, source, &law, |brick, row, force, own| {
                 let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
-                finish(brick, row, [0, 1, 2].map(|c| heavy.mul(own[c]).sub(force[c])), own);
+                let mut product = force;
+                for c in 0..3 {
+                    product[c] = heavy.mul(own[c]).sub(force[c]);
+                }
+                finish(brick, row, product, own);
             });
         }
     }
@@ -486,18 +489,24 @@ impl<R: Real> Parts<'_, R> {
     unsafe fn precondition<L: Lanes<Real = R>>(&self, run: Run, left: impl Fn(usize) -> L) {
         for brick in run.first..run.end() {
             let (mut rr, mut rz) = (L::splat(0.0), L::splat(0.0));
-            for row in self.rows(brick) {
+            for row in 0..BRICK_ROWS {
+                if !self.is_held(brick, row) {
+                    continue;
+                }
                 let flags = self.flags_of(brick, row);
-                let free = |v: L, c: usize| v.free(flags, flag::FIX_X << c).free(flags, flag::GRASPED);
+                let mut r = [L::splat(0.0); 3];
+                let mut block = [L::splat(0.0); BLOCK];
                 // SAFETY: octets of a brick of this thread's.
                 unsafe {
-                    let r = [0, 1, 2].map(|c| free(left(at(brick, row, c)), c));
-                    let block: [L; BLOCK] = std::array::from_fn(|n| {
-                        L::load(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast())
-                    });
+                    for c in 0..3 {
+                        r[c] = free(left(at(brick, row, c)), flags, c);
+                    }
+                    for n in 0..BLOCK {
+                        block[n] = L::load(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
+                    }
                     let z = applied(&block, r);
                     for c in 0..3 {
-                        let z = free(z[c], c);
+                        let z = free(z[c], flags, c);
                         r[c].store(self.r.add(at(brick, row, c)).cast());
                         z.store(self.z.add(at(brick, row, c)).cast());
                         rr = r[c].fma(r[c], rr);
@@ -516,7 +525,10 @@ impl<R: Real> Parts<'_, R> {
         let dt = L::splat(self.step.dt);
         for brick in run.first..run.end() {
             let mut most = 0.0_f64;
-            for row in self.rows(brick) {
+            for row in 0..BRICK_ROWS {
+                if !self.is_held(brick, row) {
+                    continue;
+                }
                 let mut v2 = L::splat(0.0);
                 for c in 0..3 {
                     let octet = at(brick, row, c);
@@ -549,12 +561,21 @@ fn block_place(slot: u32) -> (usize, usize) {
     (brick * BLOCK * BRICK_ROWS + local / 8, local % 8)
 }
 
+/// Nothing where a component is held.
+#[inline(always)]
+fn free<L: Lanes>(v: L, flags: &[u8; 8], component: usize) -> L {
+    v.free(flags, flag::FIX_X << component).free(flags, flag::GRASPED)
+}
+
 /// A symmetric matrix times a vector.
 #[inline(always)]
 fn applied<L: Lanes>(m: &[L; BLOCK], v: [L; 3]) -> [L; 3] {
     let [xx, xy, xz, yy, yz, zz] = *m;
-    let row = |a: L, b: L, c: L| a.fma(v[0], b.fma(v[1], c.mul(v[2])));
-    [row(xx, xy, xz), row(xy, yy, yz), row(xz, yz, zz)]
+    [
+        xx.fma(v[0], xy.fma(v[1], xz.mul(v[2]))),
+        xy.fma(v[0], yy.fma(v[1], yz.mul(v[2]))),
+        xz.fma(v[0], yz.fma(v[1], zz.mul(v[2]))),
+    ]
 }
 
 /// The inverse of a symmetric matrix; of nothing, nothing that is finite and wrong.

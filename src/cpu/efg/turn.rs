@@ -2,7 +2,7 @@
 
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::{BRICK_ROWS, Bricks};
-use super::gather::{CellRow, for_each_row};
+use super::gather::{CellRow, Staged, materials};
 use super::laws::{MATRIX, Plain, gradient};
 use crate::math::Num;
 use crate::model::efg::law::{
@@ -48,6 +48,18 @@ pub fn at_rest<R: Real>(bricks: usize) -> (Vec<Octet<R>>, Vec<Octet<R>>) {
     (unit(QUATERNION, |n| n == 3), unit(MATRIX, |n| n % 4 == 0))
 }
 
+/// Writes the frames of eight cells.
+#[inline(always)]
+unsafe fn write<L: Lanes>(frames: *mut Octet<L::Real>, at: CellRow, matrix: &Matrix<L>) {
+    let first = at.at(MATRIX);
+    for i in 0..3 {
+        for j in 0..3 {
+            // SAFETY: the caller's row exists and is its own.
+            unsafe { matrix[i][j].store(frames.add(first + (3 * i + j) * BRICK_ROWS).cast()) };
+        }
+    }
+}
+
 /// Finds the frames of a brick's cells under displacements `u`.
 ///
 /// # Safety
@@ -64,36 +76,43 @@ pub unsafe fn turn<L: Lanes>(
 ) -> Deformed {
     let zero = L::splat(0.0);
     let (mut strain, mut swelling, mut shrinking) = (zero, zero, zero);
-    let is_there = |materials: &[u8; 8]| {
-        let table = std::array::from_fn(|m| L::Real::splat(if m == 0 { 0.0 } else { 1.0 }));
-        L::look_up(&table, materials)
-    };
-    let visit = |at: CellRow, materials: &[u8; 8], corners: &_| {
-        let (g, _) = gradient::<L>(corners, L::splat(inverse_4h));
-        let (there, f) = (is_there(materials), deformation(&g));
-        let write = |to: *mut Octet<L::Real>, numbers: usize, values: &[L]| {
-            let first = at.at(numbers);
-            for (n, value) in values.iter().enumerate() {
-                // SAFETY: the numbers of this row of cells.
-                unsafe { value.store(to.add(first + n * BRICK_ROWS).cast()) };
-            }
-        };
-        let flat = |m: &Matrix<L>| [m[0][0], m[0][1], m[0][2], m[1][0], m[1][1], m[1][2], m[2][0], m[2][1], m[2][2]];
+    let mut is_there = [L::Real::splat(1.0); 16];
+    is_there[0] = L::Real::splat(0.0);
+    // SAFETY: as the caller promises.
+    let staged = unsafe { Staged::<L>::load(bricks, brick, u) };
+    for row in 0..BRICK_ROWS {
+        let at = CellRow { brick, row };
+        let materials = materials(bricks, at);
+        if u64::from_le_bytes(*materials) == 0 {
+            continue;
+        }
+        let (g, _) = gradient::<L>(&staged.corners(row % 4 + 1, row / 4 + 1), L::splat(inverse_4h));
+        let (there, f) = (L::look_up(&is_there, materials), deformation(&g));
         let stretch = match elasticity {
             Elasticity::Linear => g,
             Elasticity::StVenantKirchhoff => {
-                write(frames, MATRIX, &flat(&f));
+                // SAFETY: this brick's cells are this thread's.
+                unsafe { write(frames, at, &f) };
                 green_strain(&g)
             }
             Elasticity::Corotated => {
-                let first = at.at(QUATERNION);
                 // SAFETY: as above.
-                let old = [0, 1, 2, 3].map(|n| unsafe { L::load(rotations.add(first + n * BRICK_ROWS).cast()) });
-                let q = (0..TURNS).fold(old, |q, _| turn_towards(q, &f, L::max));
-                let r = rotation_matrix(q);
-                write(rotations, QUATERNION, &q);
-                write(frames, MATRIX, &flat(&r));
-                corotated_strain(&r, &g)
+                unsafe {
+                    let first = rotations.add(at.at(QUATERNION));
+                    let mut q = [zero; QUATERNION];
+                    for n in 0..QUATERNION {
+                        q[n] = L::load(first.add(n * BRICK_ROWS).cast());
+                    }
+                    for _ in 0..TURNS {
+                        q = turn_towards(q, &f);
+                    }
+                    for n in 0..QUATERNION {
+                        q[n].store(first.add(n * BRICK_ROWS).cast());
+                    }
+                    let r = rotation_matrix(q);
+                    write(frames, at, &r);
+                    corotated_strain(&r, &g)
+                }
             }
         };
         for axis in 0..3 {
@@ -103,9 +122,7 @@ pub unsafe fn turn<L: Lanes>(
         let change = dj.magnitude_where(there);
         swelling = change.min(dj).max(swelling);
         shrinking = change.min(zero.sub(dj)).max(shrinking);
-    };
-    // SAFETY: as the caller promises.
-    unsafe { for_each_row(bricks, brick, u, visit) };
+    }
     let most = |eight: L| {
         let mut numbers = [L::Real::default(); 8];
         // SAFETY: eight numbers.

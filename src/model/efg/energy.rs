@@ -29,7 +29,7 @@ pub fn cell_j(law: &CellLaw, h: f64, elasticity: Elasticity, u: &[Vec3; 8]) -> f
         Elasticity::StVenantKirchhoff => green_strain(&g),
         Elasticity::Corotated => {
             let f = deformation(&g);
-            let q = (0..TURNS).fold([0.0, 0.0, 0.0, 1.0], |q, _| turn_towards(q, &f, f64::max));
+            let q = (0..TURNS).fold([0.0, 0.0, 0.0, 1.0], |q, _| turn_towards(q, &f));
             corotated_strain(&rotation_matrix(q), &g)
         }
     };

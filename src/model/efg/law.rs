@@ -45,26 +45,30 @@ fn column<N: Num>(a: &Matrix<N>, j: usize) -> [N; 3] {
 /// a b.
 #[inline(always)]
 pub fn product<N: Num>(a: &Matrix<N>, b: &Matrix<N>) -> Matrix<N> {
-    let of = |i: usize, j: usize| dot3(a[i], column(b, j));
-    [[of(0, 0), of(0, 1), of(0, 2)], [of(1, 0), of(1, 1), of(1, 2)], [of(2, 0), of(2, 1), of(2, 2)]]
+    let (x, y, z) = (column(b, 0), column(b, 1), column(b, 2));
+    [
+        [dot3(a[0], x), dot3(a[0], y), dot3(a[0], z)],
+        [dot3(a[1], x), dot3(a[1], y), dot3(a[1], z)],
+        [dot3(a[2], x), dot3(a[2], y), dot3(a[2], z)],
+    ]
 }
 
 /// aᵀ b.
 #[inline(always)]
 pub fn transposed_product<N: Num>(a: &Matrix<N>, b: &Matrix<N>) -> Matrix<N> {
-    let of = |i: usize, j: usize| dot3(column(a, i), column(b, j));
-    [[of(0, 0), of(0, 1), of(0, 2)], [of(1, 0), of(1, 1), of(1, 2)], [of(2, 0), of(2, 1), of(2, 2)]]
+    product(&[column(a, 0), column(a, 1), column(a, 2)], b)
 }
 
-/// μ (E + Eᵀ) + λ tr E, six numbers as a symmetric matrix.
+/// μ (E + Eᵀ) + λ tr E.
 #[inline(always)]
 pub fn hooke<N: Num>(e: &Matrix<N>, mu: N, lambda: N) -> Matrix<N> {
     let pressure = lambda.mul(e[0][0].add(e[1][1]).add(e[2][2]));
     let two_mu = mu.add(mu);
-    let on = |i: usize| two_mu.fma(e[i][i], pressure);
-    let off = |i: usize, j: usize| mu.mul(e[i][j].add(e[j][i]));
-    let (xy, xz, yz) = (off(0, 1), off(0, 2), off(1, 2));
-    [[on(0), xy, xz], [xy, on(1), yz], [xz, yz, on(2)]]
+    let xy = mu.mul(e[0][1].add(e[1][0]));
+    let xz = mu.mul(e[0][2].add(e[2][0]));
+    let yz = mu.mul(e[1][2].add(e[2][1]));
+    let (xx, yy) = (two_mu.fma(e[0][0], pressure), two_mu.fma(e[1][1], pressure));
+    [[xx, xy, xz], [xy, yy, yz], [xz, yz, two_mu.fma(e[2][2], pressure)]]
 }
 
 /// How P changes with the displacement gradient by `dg`, in the frame `a` of a cell: its rotation, the identity, or its deformation gradient.
@@ -95,22 +99,25 @@ pub fn corotated_stress<N: Num>(r: &Matrix<N>, g: &Matrix<N>, mu: N, lambda: N) 
 #[inline(always)]
 pub fn corotated_strain<N: Num>(r: &Matrix<N>, g: &Matrix<N>) -> Matrix<N> {
     let one = N::splat(1.0);
-    let stretched = transposed_product(r, g);
-    let of = |i: usize, j: usize| {
-        let turned = if i == j { r[j][i].sub(one) } else { r[j][i] };
-        stretched[i][j].add(turned)
-    };
-    [[of(0, 0), of(0, 1), of(0, 2)], [of(1, 0), of(1, 1), of(1, 2)], [of(2, 0), of(2, 1), of(2, 2)]]
+    let s = transposed_product(r, g);
+    [
+        [s[0][0].add(r[0][0].sub(one)), s[0][1].add(r[1][0]), s[0][2].add(r[2][0])],
+        [s[1][0].add(r[0][1]), s[1][1].add(r[1][1].sub(one)), s[1][2].add(r[2][1])],
+        [s[2][0].add(r[0][2]), s[2][1].add(r[1][2]), s[2][2].add(r[2][2].sub(one))],
+    ]
 }
 
 /// Green's strain ½ (Fᵀ F − I) = ½ (G + Gᵀ + Gᵀ G), without the cancellation.
 #[inline(always)]
 pub fn green_strain<N: Num>(g: &Matrix<N>) -> Matrix<N> {
     let half = N::splat(0.5);
-    let gtg = transposed_product(g, g);
-    let of = |i: usize, j: usize| half.mul(g[i][j].add(g[j][i]).add(gtg[i][j]));
-    let (xy, xz, yz) = (of(0, 1), of(0, 2), of(1, 2));
-    [[of(0, 0), xy, xz], [xy, of(1, 1), yz], [xz, yz, of(2, 2)]]
+    let s = transposed_product(g, g);
+    let xy = half.mul(g[0][1].add(g[1][0]).add(s[0][1]));
+    let xz = half.mul(g[0][2].add(g[2][0]).add(s[0][2]));
+    let yz = half.mul(g[1][2].add(g[2][1]).add(s[1][2]));
+    let xx = half.fma(s[0][0], g[0][0]);
+    let yy = half.fma(s[1][1], g[1][1]);
+    [[xx, xy, xz], [xy, yy, yz], [xz, yz, half.fma(s[2][2], g[2][2])]]
 }
 
 /// A rotation as a unit quaternion, x y z w.
@@ -122,37 +129,38 @@ pub fn rotation_matrix<N: Num>(q: Rotation<N>) -> Matrix<N> {
     let one = N::splat(1.0);
     let [x, y, z, w] = q;
     let [x2, y2, z2] = [x.add(x), y.add(y), z.add(z)];
-    let on = |a: N, a2: N, b: N, b2: N| one.sub(a.mul(a2)).sub(b.mul(b2));
+    let (xx, yy, zz) = (x.mul(x2), y.mul(y2), z.mul(z2));
     [
-        [on(y, y2, z, z2), x.mul(y2).sub(w.mul(z2)), x.mul(z2).add(w.mul(y2))],
-        [x.mul(y2).add(w.mul(z2)), on(x, x2, z, z2), y.mul(z2).sub(w.mul(x2))],
-        [x.mul(z2).sub(w.mul(y2)), y.mul(z2).add(w.mul(x2)), on(x, x2, y, y2)],
+        [one.sub(yy).sub(zz), x.mul(y2).sub(w.mul(z2)), x.mul(z2).add(w.mul(y2))],
+        [x.mul(y2).add(w.mul(z2)), one.sub(xx).sub(zz), y.mul(z2).sub(w.mul(x2))],
+        [x.mul(z2).sub(w.mul(y2)), y.mul(z2).add(w.mul(x2)), one.sub(xx).sub(yy)],
     ]
 }
 
 /// Brings a rotation nearer to that in F = R S, with S symmetric: one step of Newton's method for R, quadratic near the end. A rotation of more than about 2 rad away is
 /// approached in several steps, and so is that of a cell that is turned inside out.
 #[inline(always)]
-pub fn turn_towards<N: Num>(q: Rotation<N>, f: &Matrix<N>, max: impl Fn(N, N) -> N) -> Rotation<N> {
+pub fn turn_towards<N: Num>(q: Rotation<N>, f: &Matrix<N>) -> Rotation<N> {
     let s = transposed_product(&rotation_matrix(q), f);
     // What is not symmetric of Rᵀ F is (tr S − S) θ, for a turn by θ that is left.
     let a = [s[2][1].sub(s[1][2]), s[0][2].sub(s[2][0]), s[1][0].sub(s[0][1])];
     let half = N::splat(0.5);
-    let off = |i: usize, j: usize| half.mul(s[i][j].add(s[j][i]));
-    let (xy, xz, yz) = (off(0, 1), off(0, 2), off(1, 2));
+    let xy = half.mul(s[0][1].add(s[1][0]));
+    let xz = half.mul(s[0][2].add(s[2][0]));
+    let yz = half.mul(s[1][2].add(s[2][1]));
     let zero = N::splat(0.0);
     // L D Lᵀ of tr S − S, with pivots kept well above nothing: a sheet folded over has none.
     let trace = s[0][0].add(s[1][1]).add(s[2][2]);
-    let least = max(trace.mul(N::splat(0.1)), N::splat(0.1));
-    let d0 = max(trace.sub(s[0][0]), least);
+    let least = trace.mul(N::splat(0.1)).max(N::splat(0.1));
+    let d0 = trace.sub(s[0][0]).max(least);
     let r0 = N::splat(1.0).div(d0);
     let l10 = zero.sub(xy).mul(r0);
     let l20 = zero.sub(xz).mul(r0);
-    let d1 = max(trace.sub(s[1][1]).add(l10.mul(xy)), least);
+    let d1 = trace.sub(s[1][1]).add(l10.mul(xy)).max(least);
     let r1 = N::splat(1.0).div(d1);
     let below = l10.mul(xz).sub(yz);
     let l21 = below.mul(r1);
-    let d2 = max(trace.sub(s[2][2]).add(l20.mul(xz)).sub(l21.mul(below)), least);
+    let d2 = trace.sub(s[2][2]).add(l20.mul(xz)).sub(l21.mul(below)).max(least);
     let y1 = a[1].sub(l10.mul(a[0]));
     let y2 = a[2].sub(l20.mul(a[0])).sub(l21.mul(y1));
     let z = y2.div(d2);
@@ -172,7 +180,7 @@ pub fn turn_towards<N: Num>(q: Rotation<N>, f: &Matrix<N>, max: impl Fn(N, N) ->
         [turned[1], turned[2], turned[3]],
     ));
     let shorten = N::splat(1.0).div(length2.sqrt());
-    turned.map(|component| component.mul(shorten))
+    [turned[0].mul(shorten), turned[1].mul(shorten), turned[2].mul(shorten), turned[3].mul(shorten)]
 }
 
 #[cfg(test)]
@@ -203,7 +211,7 @@ mod tests {
             let f = turn.to_rotation_matrix().matrix() * stretch;
             let mut q = [0.0, 0.0, 0.0, 1.0];
             for _ in 0..30 {
-                q = turn_towards(q, &array(&f), f64::max);
+                q = turn_towards(q, &array(&f));
             }
             let found = matrix(&rotation_matrix(q));
             let missed = (found - turn.to_rotation_matrix().matrix()).norm();
@@ -219,7 +227,7 @@ mod tests {
         let mut q = [0.0, 0.0, 0.0, 1.0];
         let mut missed = Vec::new();
         for _ in 0..2 {
-            q = turn_towards(q, &f, f64::max);
+            q = turn_towards(q, &f);
             missed.push((matrix(&rotation_matrix(q)) - turn.to_rotation_matrix().matrix()).norm());
         }
         assert!(missed[0] < 1e-3 && missed[1] < 1e-7, "{missed:?}");
@@ -237,7 +245,7 @@ mod tests {
             }
             Elasticity::Corotated => {
                 let mut q = [0.0, 0.0, 0.0, 1.0];
-                (0..40).for_each(|_| q = turn_towards(q, &f, f64::max));
+                (0..40).for_each(|_| q = turn_towards(q, &f));
                 matrix(&corotated_stress(&rotation_matrix(q), &g, mu, lambda))
             }
         }

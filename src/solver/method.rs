@@ -43,7 +43,7 @@ impl Default for EfgDesc {
             elasticity: Elasticity::default(),
             scheme: Scheme::default(),
             tolerance: 1e-3,
-            max_iterations: 200,
+            max_iterations: 500,
         }
     }
 }

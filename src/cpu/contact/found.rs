@@ -15,6 +15,8 @@ pub struct Found<'a> {
     pub normal: Vec3,
     /// How far it must go to be out, in m, or how far it may be pushed at most, where that is less; below 0, how far it may come nearer.
     pub target_m: f64,
+    /// Whether it was inside when the step began: tissue that is pressed follows a tool that leaves it.
+    pub was_inside: bool,
     /// What it has as an impulse where nothing that carries it can move, in N s.
     pub wall: Option<f64>,
     /// Velocity of the tool there, m/s.
@@ -26,9 +28,9 @@ pub struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// Whether it is inside where it stands, and can be moved.
-    pub fn is_inside(&self) -> bool {
-        self.wall.is_none() && self.target_m > 0.0
+    /// Whether it can be moved, and probably has to be.
+    pub fn is_touched(&self) -> bool {
+        self.wall.is_none() && (self.target_m > 0.0 || self.was_inside)
     }
 }
 
@@ -66,6 +68,7 @@ impl ContactSurface {
         self.points.iter().map(move |point| Found {
             normal: point.normal,
             target_m: point.depth.min((limit + point.travel) * point.lever),
+            was_inside: point.was_inside,
             wall: (!point.is_movable).then(|| point.mass * point.depth.max(0.0) / dt),
             tool_velocity: point.tool_velocity,
             friction: tools[point.tool as usize].desc.friction,

@@ -104,6 +104,8 @@ struct Point {
     tool_velocity: Vec3,
     /// How far the point came, seen from the tool, in this move.
     travel: f64,
+    /// Whether it was inside the tool when the move began.
+    was_inside: bool,
     /// 1 / Σ w²/m over free nodes, or over all nodes where none is free.
     mass: f64,
     /// How far the point may be pushed for each metre that its fastest node moves: below 1 where held nodes carry most of it.
@@ -384,6 +386,7 @@ impl ContactSurface {
             depth: -distance,
             tool_velocity: view.tool.path.velocity(&view.pose, p, nodes.step),
             travel,
+            was_inside: view.reach > 0.0 && view.tool.desc.distance(local(start)).distance < 0.0,
             mass: 0.0,
             lever: 1.0,
             is_movable: false,

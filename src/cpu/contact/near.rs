@@ -275,7 +275,7 @@ mod tests {
             };
             let before = near.triangles().to_vec();
             near.travel(1e-4);
-            near.keep_up(surface, std::slice::from_ref(&tool), &u, |_| slid);
+            near.keep_up(surface, std::slice::from_ref(&tool), &u, 0.0, |_| slid);
             kept += usize::from(near.triangles() == before);
 
             let centre = tool.path.to.translation.vector;

@@ -83,7 +83,7 @@ impl Press {
         self.blocks.resize(self.nodes.len(), Mat3::zeros());
         // How much all points together put on a node: as many as share it share the stiffness that it takes.
         self.shares.resize(self.nodes.len(), 0.0);
-        for found in contact.found(tools, dt).filter(Found::is_inside) {
+        for found in contact.found(tools, dt).filter(Found::is_touched) {
             for &(node, weight) in found.carried {
                 self.shares[node as usize] += weight.abs();
             }
@@ -97,7 +97,7 @@ impl Press {
             let stiffness = STIFFNESS / found.carried.iter().map(yielding).sum::<f64>();
             // At first everything in contact sticks.
             let law = Law {
-                is_pushed: found.is_inside(),
+                is_pushed: found.is_touched(),
                 grip: if found.friction > 0.0 { stiffness } else { 0.0 },
             };
             let start = self.carried.len();

@@ -21,9 +21,9 @@ type Finish<R> = unsafe fn(&Parts<R>, &[Run]);
 /// Every part for one scalar and one route. Unsafe: the processor has what the route needs; see [`Parts`] for the rest.
 #[derive(Clone, Copy, Debug)]
 pub struct Route<R> {
-    pub begin: Begin<R>,
-    pub solve: Solve<R>,
-    pub finish: Finish<R>,
+    pub(super) begin: Begin<R>,
+    pub(super) solve: Solve<R>,
+    pub(super) finish: Finish<R>,
 }
 
 /// A scalar for which routes exist.

@@ -36,8 +36,13 @@ pub fn run(options: &Options, cells: usize, dt: f64) -> Result<Figure> {
     let labels = (0..side.pow(3)).map(|n| 1 + u16::from(options.contrast != 1.0 && is_hard(n))).collect();
     let frame = Pose::translation(0.5 * CELL_M, 0.5 * CELL_M, 0.5 * CELL_M);
     let mut build = Build::new(LabelGrid::new([side; 3], Vec3::repeat(CELL_M), frame, labels)?);
-    build.uses = BTreeMap::from([(1, tissue(options.young)?), (2, tissue(options.young * options.contrast)?)]);
-    build.fixes.push(Fix { pose: Pose::identity(), half_extents: Vec3::new(1.0, 1.0, 0.5 * CELL_M), axes: [true; 3] });
+    build.uses =
+        BTreeMap::from([(1, tissue(options.young)?), (2, tissue(options.young * options.contrast)?)]);
+    build.fixes.push(Fix {
+        pose: Pose::identity(),
+        half_extents: Vec3::new(1.0, 1.0, 0.5 * CELL_M),
+        axes: [true; 3],
+    });
     let model = Arc::new(build.run(&mut |_, _| true)?);
 
     let method = EfgDesc { tolerance: options.tolerance, max_iterations: 20_000, ..EfgDesc::default() };

@@ -51,8 +51,21 @@ pub struct Report {
 impl Report {
     pub fn new(is_json: bool, place: Place) -> Self {
         let table = empty([
-            "scene", "cells", "dt ms", "E kPa", "ν", "contrast", "µs/step", "p99", "iterations", "µs/iteration", "residual",
-            "RTF", "peak N", "points", "allocations",
+            "scene",
+            "cells",
+            "dt ms",
+            "E kPa",
+            "ν",
+            "contrast",
+            "µs/step",
+            "p99",
+            "iterations",
+            "µs/iteration",
+            "residual",
+            "RTF",
+            "peak N",
+            "points",
+            "allocations",
         ]);
         Self { is_json, place, table, has_failed: false }
     }

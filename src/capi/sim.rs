@@ -19,8 +19,8 @@ use super::types::*;
 use crate::error::Error;
 use crate::log::{self, Log};
 use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
-use crate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 use crate::solver::load::{Load, Region};
+use crate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 
 /// What a `plp_sim` stands for.
 #[derive(Debug)]

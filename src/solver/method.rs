@@ -52,7 +52,10 @@ impl EfgDesc {
     /// Refuses tolerances and budgets that end nothing.
     pub fn check(&self) -> Result<()> {
         if !(1e-12..1.0).contains(&self.tolerance) {
-            return Err(Error::argument(format!("a tolerance of {} is not between 1e-12 and 1", self.tolerance)));
+            return Err(Error::argument(format!(
+                "a tolerance of {} is not between 1e-12 and 1",
+                self.tolerance
+            )));
         }
         if !(1..=100_000).contains(&self.max_iterations) {
             return Err(Error::argument("a step has 1 to 100,000 iterations"));

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use palpate::cpu::efg::route::EfgReal;
 use palpate::cpu::efg::solver::EfgSolver;
+use palpate::error::Error;
 use palpate::math::{Mat3, Quat, Vec3};
 use palpate::model::efg::energy::elastic_j;
 use palpate::model::{Build, Model};
-use palpate::sim::SimDesc;
+use palpate::sim::{Precision, SimDesc};
 use palpate::solver::Solver;
 use palpate::solver::load::Load;
 use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
@@ -31,7 +32,11 @@ fn model(build: &Build) -> Arc<Model> {
 }
 
 /// Nodal forces of a displacement field, and the largest displacement.
-fn forces<R: EfgReal>(model: &Arc<Model>, elasticity: Elasticity, u: impl Fn(Vec3) -> Vec3) -> (Vec<Vec3>, f64) {
+fn forces<R: EfgReal>(
+    model: &Arc<Model>,
+    elasticity: Elasticity,
+    u: impl Fn(Vec3) -> Vec3,
+) -> (Vec<Vec3>, f64) {
     let lattice = model.lattice();
     let desc = EfgDesc { elasticity, ..EfgDesc::default() };
     let mut solver = EfgSolver::<R>::new(model, &desc, 1).unwrap();
@@ -113,7 +118,8 @@ fn forces_are_the_slope_of_the_energy() {
         let bent: Vec<Vec3> = (0..lattice.slot_count()).map(|_| noise.vec3() * 0.05 * H).collect();
         let way: Vec<Vec3> = (0..lattice.slot_count()).map(|_| noise.vec3()).collect();
         let step = 1e-6 * H;
-        let at = |t: f64| elastic_j(lattice, model.laws(), elasticity, |s| bent[s as usize] + way[s as usize] * t);
+        let at =
+            |t: f64| elastic_j(lattice, model.laws(), elasticity, |s| bent[s as usize] + way[s as usize] * t);
         let slope = (at(step) - at(-step)) / (2.0 * step);
         let place = |x: Vec3| {
             let slot = lattice.slot([0, 1, 2].map(|a| (x[a] / H).round() as usize)).unwrap();
@@ -247,34 +253,121 @@ fn momentum_of_a_free_body_is_kept() {
     claim.check(tol::IMPLICIT_MOMENTUM, "linear", (body.momentum().0 - before).norm() / size);
 }
 
-#[test]
-fn a_ball_and_tissue_push_each_other_alike_and_as_hertz_says() {
-    let mut claim = Claim::new("EFG contact");
-    // A quarter of a block, pressed by a ball on its axis.
-    let (radius, h) = (0.010, 0.5e-3);
-    let cells = [30, 30, 30];
-    let tissue = material(YOUNG, 0.45, 1000.0);
-    let mut build = block(cells, h, tissue.clone());
+/// A quarter of a block with a flat top, to be pressed by a ball on its axis; and its height.
+fn pressable(cells: [usize; 3], h: f64) -> (Build, f64) {
+    let mut build = block(cells, h, material(YOUNG, 0.45, 1000.0));
     roller(&mut build, 0);
     roller(&mut build, 1);
     hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
     touch_flat_top(&mut build, cells, h);
-    let method = EfgDesc { elasticity: Elasticity::Linear, tolerance: 1e-4, max_iterations: 3000, ..EfgDesc::default() };
+    (build, cells[2] as f64 * h)
+}
+
+#[test]
+fn a_ball_in_tissue_is_felt_as_hertz_says_whether_it_moves_or_stands() {
+    let mut claim = Claim::new("EFG indentation");
+    let (radius, depth) = (0.010, 0.6e-3);
+    let (build, top) = pressable([24, 24, 24], 0.6e-3);
+    let method = EfgDesc {
+        elasticity: Elasticity::Linear,
+        tolerance: 1e-4,
+        max_iterations: 3000,
+        ..EfgDesc::default()
+    };
     let desc = SimDesc { method: Method::Efg(method), step_s: 0.05, threads: 2, ..exact() };
     let mut body = Body::new(&build, &desc);
     let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.0, ..ToolDesc::sphere(radius) }).unwrap();
-    let top = cells[2] as f64 * h;
-    let depth = 0.4e-3;
-    let mut felt = Vec3::zeros();
-    for step in 0..=8 {
-        let deep = depth * (f64::from(step) / 4.0).min(1.0);
-        felt = step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + radius - deep)).wrench.force_n;
-        let s = body.sim.statistics();
-        eprintln!("{step} {:?} points {} its {} res {} wall {}", felt.as_slice(), s.contact_points, s.cg_iterations, s.true_residual, s.step_wall_s);
+    let hertz = 4.0 / 3.0 * YOUNG / (1.0 - 0.45 * 0.45) * radius.sqrt() / 4.0;
+    for step in 1..=5 {
+        let deep = depth * (f64::from(step) / 3.0).min(1.0);
+        let felt = step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + radius - deep)).wrench.force_n;
+        claim.check(tol::EFG_INDENTATION, &format!("step {step}"), felt.z / (hertz * deep.powf(1.5)) - 1.0);
+        let contacts = body.sim.contacts(tool.id()).unwrap();
+        let pushed: Vec3 = contacts.iter().map(|contact| contact.force_n).sum();
+        claim.check(
+            tol::THIRD_LAW_F64,
+            &format!("third law, step {step}"),
+            (pushed + felt).norm() / felt.norm(),
+        );
     }
-    let statistics = body.sim.statistics();
-    let hertz = 4.0 / 3.0 * YOUNG / (1.0 - 0.45 * 0.45) * radius.sqrt() * depth.powf(1.5) / 4.0;
-    println!("{felt:?} against {hertz}, {} points, {} iterations", statistics.contact_points, statistics.cg_iterations);
-    // The layer is seven contact radii deep: stiffer than a half-space by its bonded base.
-    claim.check(tol::EFG_INDENTATION, "quarter of a ball", felt.z / hertz - 1.0);
+    // And it lets go.
+    let felt = step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + radius + 1e-3)).wrench.force_n;
+    assert_eq!(felt, Vec3::zeros());
+}
+
+#[test]
+fn what_a_tool_gives_is_what_tissue_gains() {
+    let mut claim = Claim::new("EFG third law");
+    let method = EfgDesc { tolerance: 1e-10, max_iterations: 5000, ..EfgDesc::default() };
+    let desc = SimDesc { method: Method::Efg(method), ..exact() };
+    let mut body = Body::new(&block([6, 6, 4], H, material(YOUNG, 0.45, 1000.0)), &desc);
+    let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.4, ..ToolDesc::sphere(0.02) }).unwrap();
+    let mut given = Vec3::zeros();
+    for step in 0..60 {
+        // Onto a free body from above, and aside.
+        let at = Vec3::new(0.025 + 2e-4 * f64::from(step), 0.03, 0.061 - 1e-4 * f64::from(step));
+        given -= step_to(&mut body, &mut tool, at).wrench.force_n * 1e-3;
+    }
+    let (gained, size) = body.momentum();
+    assert!(size > 1e-4, "the body was pushed: {size}");
+    claim.check(tol::THIRD_LAW_F64, "impulse of the tool", (gained - given).norm() / size);
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let (build, top) = pressable([20, 12, 8], 2e-3);
+    let model = model(&build);
+    let of = |threads: usize| {
+        let method = Method::Efg(EfgDesc::default());
+        let desc = SimDesc { method, threads, precision: Precision::Single, ..exact() };
+        let mut body = Body::of(&model, &desc);
+        let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(6e-3) }).unwrap();
+        let felt = (0..20).map(|step| {
+            step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + 6e-3 - 1e-4 * f64::from(step))).wrench
+        });
+        let felt: Vec<_> = felt.collect();
+        (felt, body.u())
+    };
+    let alone = of(1);
+    assert!(alone.0.last().unwrap().force_n.norm() > 0.0);
+    assert!(alone == of(2) && alone == of(3));
+}
+
+#[test]
+fn single_precision_reaches_its_tolerance_and_says_so() {
+    let mut claim = Claim::new("EFG single precision");
+    let (build, top) = pressable([16, 16, 10], 2e-3);
+    let model = model(&build);
+    let of = |precision| {
+        let method = Method::Efg(EfgDesc { tolerance: 1e-4, ..EfgDesc::default() });
+        let mut body = Body::of(&model, &SimDesc { method, precision, ..exact() });
+        let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.0, ..ToolDesc::sphere(8e-3) }).unwrap();
+        let (mut felt, mut left) = (0.0, 0.0_f64);
+        for step in 0..40 {
+            felt = step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + 8e-3 - 5e-5 * f64::from(step)))
+                .wrench
+                .force_n
+                .z;
+            left = left.max(body.sim.statistics().true_residual);
+        }
+        (felt, left)
+    };
+    let ((single, left), (double, _)) = (of(Precision::Single), of(Precision::Double));
+    claim.check(tol::TRUE_RESIDUAL, "true residual", left);
+    claim.check(tol::SINGLE_FORCE, "force", single / double - 1.0);
+}
+
+#[test]
+fn a_step_that_leads_nowhere_finite_is_not_taken() {
+    let (build, _) = pressable([4, 4, 4], 2e-3);
+    let method = Method::Efg(EfgDesc::default());
+    let mut body = Body::new(&build, &SimDesc { method, precision: Precision::Single, ..exact() });
+    body.steps(1);
+    let slot = *body.slots.last().unwrap();
+    body.sim.set_node(slot, Vec3::zeros(), Vec3::repeat(1e30)).unwrap();
+    let error = body.sim.step().unwrap_err();
+    assert!(matches!(error, Error::Diverged { .. }), "{error}");
+    assert!(body.u().iter().chain(&body.v()).all(|x| *x == Vec3::zeros()));
+    body.sim.reset();
+    body.steps(1);
 }

@@ -95,7 +95,13 @@ pub const STEP_LOSS: Tolerance = tolerance("STEP_LOSS", 1e-9, "the tolerance of 
 pub const IMPLICIT_MOMENTUM: Tolerance =
     tolerance("IMPLICIT_MOMENTUM", 1e-8, "the tolerance of the solution, over 200 steps");
 pub const EFG_INDENTATION: Tolerance =
-    tolerance("EFG_INDENTATION", 0.2, "four cells in the radius of contact, a layer of seven radii");
+    tolerance("EFG_INDENTATION", 0.2, "two to four cells in the radius of contact, a layer of six radii");
+pub const TRUE_RESIDUAL: Tolerance = tolerance("TRUE_RESIDUAL", 1e-4, "what was asked for");
+pub const SINGLE_FORCE: Tolerance = tolerance(
+    "SINGLE_FORCE",
+    5e-3,
+    "contacts that are taken up again are settled to SETTLED, 5e-3 of the largest",
+);
 
 // ---- Sleep and shapes --------------------------------------------
 

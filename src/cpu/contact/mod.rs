@@ -539,7 +539,7 @@ impl ContactSurface {
 
     /// Adds up what tools gave.
     fn tell(&self, tools: &[ToolStep], t: f64, sums: &mut [ToolSum]) {
-        for point in self.points.iter().filter(|p| p.push > 0.0) {
+        for point in &self.points {
             let tool = &tools[point.tool as usize];
             let origin = tool.path.at(t).translation.vector;
             let impulse = point.normal * point.push + point.drag;

@@ -99,15 +99,17 @@ pub unsafe fn solve<L: Lanes>(
         // SAFETY: as promised.
         let mut now = unsafe { solution.renew::<L>(starts && budget.reference.is_none()) };
         let left = now.rr.sqrt();
-        // A new start that found little has met what rounding leaves.
-        let stalls = !starts && !(left < STALLED * reached.residual);
+        // A new start that found little has met what rounding leaves, or what is not finite.
+        let improves = left < STALLED * reached.residual;
+        let stalls = !starts && !improves;
         if starts {
             reached.reference = budget.reference.unwrap_or(left);
             starts = false;
         }
         reached.residual = left;
         let target = (budget.tolerance * reached.reference).max(budget.noise);
-        if !(left > target) || stalls || reached.iterations >= budget.iterations {
+        let is_open = left > target;
+        if !is_open || stalls || reached.iterations >= budget.iterations {
             return reached;
         }
         let (mut beta, mut turn) = (0.0, 0);
@@ -121,7 +123,8 @@ pub unsafe fn solve<L: Lanes>(
                 solution.touch(parts.p[1 - turn]);
                 let pq = parts.pq() + if press.is_empty() { 0.0 } else { *work };
                 // Not a number, or no descent: what was found so far stands.
-                if !(pq > 0.0) {
+                let descends = pq > 0.0;
+                if !descends {
                     break;
                 }
                 for &run in mine {

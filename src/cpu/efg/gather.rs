@@ -80,7 +80,8 @@ impl<L: Lanes> Staged<L> {
         for z in 0..SIDE {
             for y in 0..SIDE {
                 let (here, after) = (place(around, 1, y, z), place(around, 2, y, z));
-                if bricks.rows[here.brick] >> here.row & 1 == 0 && bricks.rows[after.brick] >> after.row & 1 == 0
+                if bricks.rows[here.brick] >> here.row & 1 == 0
+                    && bricks.rows[after.brick] >> after.row & 1 == 0
                 {
                     continue;
                 }

@@ -61,7 +61,9 @@ impl<L: Lanes> Source<L> for Onward<L::Real> {
     #[inline(always)]
     unsafe fn load(&self, octet: usize) -> L {
         // SAFETY: the caller's octet exists in both fields.
-        unsafe { L::load(self.p.add(octet).cast()).fma(L::splat(self.beta), L::load(self.z.add(octet).cast())) }
+        unsafe {
+            L::load(self.p.add(octet).cast()).fma(L::splat(self.beta), L::load(self.z.add(octet).cast()))
+        }
     }
 }
 
@@ -140,8 +142,11 @@ impl<L: Lanes> Law<L, 3> for Forces<'_, L::Real> {
         let stress = match self.elasticity {
             Elasticity::Linear => hooke(&g, mu, lambda),
             Elasticity::StVenantKirchhoff => product(&deformation(&g), &hooke(&green_strain(&g), mu, lambda)),
-            // SAFETY: as the caller promises.
-            Elasticity::Corotated => corotated_stress(&unsafe { frame::<L>(self.frames, row) }, &g, mu, lambda),
+            Elasticity::Corotated => {
+                // SAFETY: as the caller promises.
+                let turned = unsafe { frame::<L>(self.frames, row) };
+                corotated_stress(&turned, &g, mu, lambda)
+            }
         };
         let lengths = (L::splat(m.half_h), L::splat(m.quarter_h2));
         corner_forces(u, &g, sums, &stress, L::look_up(&m.hourglass, materials), lengths)

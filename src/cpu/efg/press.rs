@@ -125,7 +125,7 @@ impl Press {
         }
         for (&slot, more) in self.nodes.iter().zip(&self.blocks) {
             let stiffer = matrix(&system.inverse(slot)).try_inverse().map(|block| block + more);
-            if let Some(m) = stiffer.and_then(|block| block.try_inverse()) {
+            if let Some(m) = stiffer.and_then(Mat3::try_inverse) {
                 system.set_inverse(slot, [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]);
             }
         }
@@ -172,12 +172,12 @@ impl Press {
         let (mut largest, mut wrong) = (0.0_f64, 0.0_f64);
         for point in self.points.iter_mut().filter(|point| point.wall.is_none()) {
             let carried = &self.carried[point.start..point.end];
-            let moving: Vec3 =
-                carried.iter().map(|&(n, w)| system.x.vec3(self.nodes[n as usize]) * w).sum();
+            let moving: Vec3 = carried.iter().map(|&(n, w)| system.x.vec3(self.nodes[n as usize]) * w).sum();
             let push = point.stiffness * (point.wanted - moving.dot(&point.normal));
             let slip = point.across(point.tool_velocity - moving);
             let gives = point.law.is_pushed;
-            (point.push, point.drag) = if gives { (push, slip * point.law.grip) } else { (0.0, Vec3::zeros()) };
+            (point.push, point.drag) =
+                if gives { (push, slip * point.law.grip) } else { (0.0, Vec3::zeros()) };
             largest = largest.max(push);
 
             let cone = point.friction * push.max(0.0);

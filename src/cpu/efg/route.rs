@@ -15,10 +15,10 @@ use super::system::Parts;
 type Begin<R> = unsafe fn(&Parts<R>, &Member, &[Run]);
 /// See [`solve`].
 type Solve<R> = unsafe fn(&Parts<R>, &Press, &Member, &[Run], &Budget, *mut f64) -> Reached;
-/// Moves nodes.
-type Finish<R> = unsafe fn(&Parts<R>, &[Run]);
+/// Moves nodes, unless one is lost.
+type Finish<R> = unsafe fn(&Parts<R>, &Member, &[Run]);
 
-/// Every part for one scalar and one route. Unsafe: the processor has what the route needs; see [`Parts`] for the rest.
+/// Every part for one scalar and one route. Unsafe: the processor has what the route needs; `Parts` says the rest.
 #[derive(Clone, Copy, Debug)]
 pub struct Route<R> {
     pub(super) begin: Begin<R>,
@@ -48,11 +48,17 @@ unsafe fn begin<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run])
 }
 
 #[inline(always)]
-unsafe fn finish<L: Lanes>(parts: &Parts<L::Real>, mine: &[Run]) {
-    // SAFETY: the caller's runs are its own.
+unsafe fn finish<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run]) {
+    // SAFETY: the caller's runs are its own, and all meet before what was seen in other bricks is read.
     unsafe {
         for &run in mine {
-            parts.finish::<L>(run);
+            parts.measure::<L>(run);
+        }
+        member.meet();
+        if parts.is_sound() {
+            for &run in mine {
+                parts.go::<L>(run);
+            }
         }
     }
 }
@@ -78,9 +84,9 @@ macro_rules! compiled {
             unsafe { solve::<$lanes>(parts, press, member, mine, budget, work) }
         }
         #[target_feature(enable = $features)]
-        unsafe fn finish_with(parts: &Parts<$real>, mine: &[Run]) {
+        unsafe fn finish_with(parts: &Parts<$real>, member: &Member, mine: &[Run]) {
             // SAFETY: the caller promises the same.
-            unsafe { finish::<$lanes>(parts, mine) }
+            unsafe { finish::<$lanes>(parts, member, mine) }
         }
         Route { begin: begin_with, solve: solve_with, finish: finish_with }
     }};

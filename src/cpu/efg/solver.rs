@@ -81,16 +81,13 @@ impl<R: EfgReal> EfgSolver<R> {
     }
 
     /// Has every thread do a part of a step with its own runs.
-    fn together(
-        &mut self,
-        step: Step,
-        part: impl Fn(&Route<R>, &Parts<R>, &Press, &Member, &[Run]) + Sync,
-    ) {
+    fn together(&mut self, step: Step, part: impl Fn(&Route<R>, &Parts<R>, &Press, &Member, &[Run]) + Sync) {
         let Self { bricks, flags, system, u, v, workers, route, runs, press, .. } = self;
         let parts = system.parts(bricks, flags, step, u, v);
         let (route, press, runs) = (&*route, &*press, &*runs);
         workers.run(&|member: &Member| {
-            let mine = runs.len() * member.index / member.count..runs.len() * (member.index + 1) / member.count;
+            let mine =
+                runs.len() * member.index / member.count..runs.len() * (member.index + 1) / member.count;
             part(route, &parts, press, member, &runs[mine]);
         });
     }
@@ -160,12 +157,18 @@ impl<R: EfgReal> EfgSolver<R> {
         report.residual = if reached.reference > 0.0 { reached.residual / reached.reference } else { 0.0 };
         self.tell_tools(plan, span[1], sums);
 
-        self.together(step, |route, parts, _, _, mine| {
+        self.together(step, |route, parts, _, member, mine| {
             // SAFETY: as above.
-            unsafe { (route.finish)(parts, mine) }
+            unsafe { (route.finish)(parts, member, mine) }
         });
-        self.place_held(plan, span[1]);
         self.fastest = self.system.seen().speed2.sqrt();
+        if self.fastest * plan.dt < FAR_M {
+            self.place_held(plan, span[1]);
+        } else {
+            report.has_diverged = true;
+            self.halt();
+            self.system.forget(&self.bricks);
+        }
     }
 
     fn look_for_contact(&mut self, plan: &StepPlan, span: [f64; 2]) {
@@ -182,7 +185,8 @@ impl<R: EfgReal> EfgSolver<R> {
             fastest: *fastest,
             furthest: *fastest * plan.dt,
         };
-        let moved = |brick: u32| bricks.around(brick as usize).map(|near| system.moved(near)).fold(0.0, f64::max);
+        let moved =
+            |brick: u32| bricks.around(brick as usize).map(|near| system.moved(near)).fold(0.0, f64::max);
         contact.look_ahead(plan.tools, span, &nodes, moved);
         press.begin(contact, plan.tools, plan.dt, system);
     }
@@ -249,7 +253,11 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
     for (index, tool) in tools.iter().enumerate() {
         let pose = tool.path.at(t);
         for &(slot, place) in tool.grasped.iter() {
-            visit(index, slot, pose.transform_point(&place.into()).coords - model.lattice().rest_position(slot));
+            visit(
+                index,
+                slot,
+                pose.transform_point(&place.into()).coords - model.lattice().rest_position(slot),
+            );
         }
     }
 }
@@ -265,8 +273,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         let part = |substep: u32| f64::from(substep) / f64::from(plan.substeps);
         for substep in 0..plan.substeps {
             self.substep(plan, [part(substep), part(substep + 1)], sums, &mut report);
-            if !(self.fastest * plan.dt < FAR_M) {
-                report.has_diverged = true;
+            if report.has_diverged {
                 break;
             }
             report.substeps += 1;
@@ -335,7 +342,8 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
             let mass = lattice.node_mass(slot, |material| self.laws[usize::from(material)].corner_kg);
             let flags = self.flags[slot as usize];
             let force = self.system.b.vec3(slot);
-            let free = |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
+            let free =
+                |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
         all

@@ -14,7 +14,7 @@ use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
 use super::turn::{Deformed, at_rest, turn};
-use crate::math::Vec3;
+use crate::math::{FAR_M, Vec3};
 use crate::model::efg::law::Elasticity;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
@@ -118,9 +118,14 @@ impl<R: Real> System<R> {
         system
     }
 
-    /// Cells as they are without displacements, and nothing that is not finite anywhere.
+    /// Cells as they are without displacements.
     pub fn reset(&mut self, bricks: &Bricks) {
         (self.rotations, self.frames) = at_rest(bricks.count());
+        self.forget(bricks);
+    }
+
+    /// Nothing that is not finite stays anywhere.
+    pub fn forget(&mut self, bricks: &Bricks) {
         self.p = [Field::zeros(bricks.count()), Field::zeros(bricks.count())];
     }
 
@@ -295,10 +300,9 @@ impl<R: Real> Parts<'_, R> {
     pub unsafe fn residue(&self) -> Residue {
         // SAFETY: as above.
         let of = |brick: usize| unsafe { *self.residues.add(brick) };
-        (0..self.bricks.count()).map(of).fold(Residue::default(), |all, brick| Residue {
-            rr: all.rr + brick.rr,
-            rz: all.rz + brick.rz,
-        })
+        (0..self.bricks.count())
+            .map(of)
+            .fold(Residue::default(), |all, brick| Residue { rr: all.rr + brick.rr, rz: all.rz + brick.rz })
     }
 
     #[inline(always)]
@@ -519,10 +523,9 @@ impl<R: Real> Parts<'_, R> {
         }
     }
 
-    /// u += dt x and v = x; the largest speed.
+    /// The largest speed at the end of the step.
     #[inline(always)]
-    pub unsafe fn finish<L: Lanes<Real = R>>(&self, run: Run) {
-        let dt = L::splat(self.step.dt);
+    pub unsafe fn measure<L: Lanes<Real = R>>(&self, run: Run) {
         for brick in run.first..run.end() {
             let mut most = 0.0_f64;
             for row in 0..BRICK_ROWS {
@@ -531,20 +534,42 @@ impl<R: Real> Parts<'_, R> {
                 }
                 let mut v2 = L::splat(0.0);
                 for c in 0..3 {
+                    // SAFETY: octets of a brick of this thread's.
+                    let x = unsafe { L::load(self.x.add(at(brick, row, c)).cast()) };
+                    v2 = x.fma(x, v2);
+                }
+                for x in eight_of(v2) {
+                    most = if x.is_finite() { most.max(x) } else { f64::INFINITY };
+                }
+            }
+            // SAFETY: the brick is this thread's.
+            unsafe { (*self.seen.add(brick)).speed2 = most };
+        }
+    }
+
+    /// Whether no node goes further than tissue may be, nor nowhere finite.
+    pub unsafe fn is_sound(&self) -> bool {
+        // SAFETY: threads have met since it was written.
+        let speeds = (0..self.bricks.count()).map(|brick| unsafe { (*self.seen.add(brick)).speed2 });
+        speeds.fold(0.0, f64::max).sqrt() * self.step.dt < FAR_M
+    }
+
+    /// u += dt x and v = x.
+    #[inline(always)]
+    pub unsafe fn go<L: Lanes<Real = R>>(&self, run: Run) {
+        let dt = L::splat(self.step.dt);
+        for brick in run.first..run.end() {
+            for row in 0..BRICK_ROWS {
+                for c in 0..3 {
                     let octet = at(brick, row, c);
                     // SAFETY: octets of a brick of this thread's.
                     unsafe {
                         let (x, u) = (L::load(self.x.add(octet).cast()), self.u.add(octet));
                         x.fma(dt, L::load(u.cast())).store(u.cast());
                         x.store(self.v.add(octet).cast());
-                        v2 = x.fma(x, v2);
                     }
                 }
-                let worst = |most: f64, x: f64| if x.is_finite() { most.max(x) } else { f64::INFINITY };
-                most = eight_of(v2).into_iter().fold(most, worst);
             }
-            // SAFETY: the brick is this thread's.
-            unsafe { (*self.seen.add(brick)).speed2 = most };
         }
     }
 }

@@ -1,6 +1,8 @@
 //! Elastic energy of displaced cells, in double precision: the potential of the forces that [`super::law`] says.
 
-use super::law::{Elasticity, HOURGLASS, Matrix, corotated_strain, deformation, green_strain, rotation_matrix, turn_towards};
+use super::law::{
+    Elasticity, HOURGLASS, Matrix, corotated_strain, deformation, green_strain, rotation_matrix, turn_towards,
+};
 use crate::math::Vec3;
 use crate::model::energy::gradient;
 use crate::model::lattice::Lattice;
@@ -10,7 +12,12 @@ use crate::model::law::CellLaw;
 const TURNS: usize = 40;
 
 /// Energy in J of all cells, for the displacement `u` of each slot in m. All cells see their eight corners.
-pub fn elastic_j(lattice: &Lattice, laws: &[CellLaw; 16], elasticity: Elasticity, u: impl Fn(u32) -> Vec3) -> f64 {
+pub fn elastic_j(
+    lattice: &Lattice,
+    laws: &[CellLaw; 16],
+    elasticity: Elasticity,
+    u: impl Fn(u32) -> Vec3,
+) -> f64 {
     let h = lattice.cell_m();
     lattice
         .occupied()

@@ -175,10 +175,9 @@ pub fn turn_towards<N: Num>(q: Rotation<N>, f: &Matrix<N>) -> Rotation<N> {
         qz.add(qw.mul(z)).add(qx.mul(y)).sub(qy.mul(x)),
         qw.sub(qx.mul(x)).sub(qy.mul(y)).sub(qz.mul(z)),
     ];
-    let length2 = turned[0].mul(turned[0]).add(dot3(
-        [turned[1], turned[2], turned[3]],
-        [turned[1], turned[2], turned[3]],
-    ));
+    let length2 = turned[0]
+        .mul(turned[0])
+        .add(dot3([turned[1], turned[2], turned[3]], [turned[1], turned[2], turned[3]]));
     let shorten = N::splat(1.0).div(length2.sqrt());
     [turned[0].mul(shorten), turned[1].mul(shorten), turned[2].mul(shorten), turned[3].mul(shorten)]
 }

@@ -38,11 +38,15 @@ fn spans(moment: &Mat3) -> bool {
 /// Shape functions at `x` of nodes at `nodes`; `None` where these lie nearly in a plane.
 pub fn shape(x: Vec3, nodes: &[Vec3]) -> Option<Shape> {
     let farthest = nodes.iter().map(|node| (node - x).norm()).fold(0.0, f64::max);
-    let weights: Vec<f64> = nodes.iter().map(|node| weight((node - x).norm() / (SUPPORT * farthest))).collect();
+    let weights: Vec<f64> =
+        nodes.iter().map(|node| weight((node - x).norm() / (SUPPORT * farthest))).collect();
     let total: f64 = weights.iter().sum();
     let mean = nodes.iter().zip(&weights).map(|(node, w)| node * (w / total)).sum::<Vec3>();
-    let moment =
-        nodes.iter().zip(&weights).map(|(node, w)| (node - mean) * (node - mean).transpose() * *w).sum::<Mat3>();
+    let moment = nodes
+        .iter()
+        .zip(&weights)
+        .map(|(node, w)| (node - mean) * (node - mean).transpose() * *w)
+        .sum::<Mat3>();
     let inverse = if spans(&moment) { moment.try_inverse()? } else { return None };
     let gradient: Vec<Vec3> =
         nodes.iter().zip(&weights).map(|(node, w)| inverse * (node - mean) * *w).collect();

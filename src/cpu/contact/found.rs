@@ -62,6 +62,11 @@ impl ContactSurface {
         }
     }
 
+    /// How many points, nodes that carry them and weights there can be at most.
+    pub fn room(&self) -> [usize; 3] {
+        [self.points.capacity(), self.nodes.capacity(), self.carried.capacity()]
+    }
+
     /// The points that were found.
     pub fn found<'a>(&'a self, tools: &'a [ToolStep], dt: f64) -> impl Iterator<Item = Found<'a>> {
         let limit = PUSH_LIMIT * self.model.lattice().cell_m();

@@ -47,7 +47,7 @@ struct Law {
 }
 
 /// All points in contact in a step.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Press {
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
@@ -61,6 +61,18 @@ fn matrix(b: &Block) -> Mat3 {
 }
 
 impl Press {
+    /// With room for all that a surface finds, so that steps allocate nothing.
+    pub fn of(contact: &ContactSurface) -> Self {
+        let [points, nodes, carried] = contact.room();
+        Self {
+            points: Vec::with_capacity(points),
+            carried: Vec::with_capacity(carried),
+            nodes: Vec::with_capacity(nodes),
+            blocks: Vec::with_capacity(nodes),
+            shares: Vec::with_capacity(nodes),
+        }
+    }
+
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()

@@ -62,6 +62,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let bricks = Bricks::new(model.clone());
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
+        let contact = ContactSurface::new(model.clone());
         Ok(Self {
             desc: *desc,
             system: System::new(&bricks, desc.elasticity, model.laws()),
@@ -70,8 +71,8 @@ impl<R: EfgReal> EfgSolver<R> {
             dt: 0.0,
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
-            contact: ContactSurface::new(model.clone()),
-            press: Press::default(),
+            press: Press::of(&contact),
+            contact,
             fastest: 0.0,
             workers: Workers::new(threads)?,
             route: R::route(),

@@ -31,8 +31,9 @@ use crate::trace;
 const SAFETY: f64 = 0.95;
 /// Strain that a step is prepared for beyond what was last seen, as |1 − L / l|: a tool may add as much in one step.
 const STRAIN_AHEAD: f64 = 0.05;
-/// Substeps between two looks at whether the tissue has settled.
+/// Substeps between two looks at whether the tissue has settled: explicit ones, and implicit ones.
 const SETTLE_BLOCK: u32 = 50;
+const SETTLE_BLOCK_IMPLICIT: u32 = 3;
 /// Contact points from which the stiffness of a tool's contact is told; of more, the first.
 const MAX_TOUCHED: usize = 1024;
 
@@ -177,11 +178,12 @@ impl State {
         // Regions and tools arrive within the first block, then stay.
         let mut taken = 0;
         let mut left = f64::INFINITY;
+        let most = if self.desc.method == Method::Lattice { SETTLE_BLOCK } else { SETTLE_BLOCK_IMPLICIT };
         let mut before = Vec::new();
         self.disengage();
         while taken < max_substeps && left > tolerance {
             let (_, dt) = self.note_substeps();
-            let block = u64::from(SETTLE_BLOCK).min(max_substeps - taken) as u32;
+            let block = u64::from(most).min(max_substeps - taken) as u32;
             self.settle_for(block, dt, true)?;
 
             // What a node gains in one more substep is by all that acts on it, loads and contact too.

@@ -15,7 +15,7 @@ use statistics::Copied;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
 
 /// One step, as a backend takes it. Model frame.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct StepPlan<'a> {
     /// How many substeps.
     pub substeps: u32,

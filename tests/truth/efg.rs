@@ -358,6 +358,23 @@ fn single_precision_reaches_its_tolerance_and_says_so() {
 }
 
 #[test]
+fn a_hanging_bar_settles_at_half_its_weight() {
+    let mut claim = Claim::new("EFG gravity");
+    let (gravity, length) = (0.01, 32.0 * H);
+    let mut build = block([32, 2, 2], H, material(YOUNG, 0.4, 1000.0));
+    (0..3).for_each(|axis| roller(&mut build, axis));
+    let method = Method::Efg(EfgDesc { tolerance: 1e-6, max_iterations: 5000, ..EfgDesc::default() });
+    let gravity_m_s2 = Vec3::x() * gravity;
+    let desc = SimDesc { method, gravity_m_s2, rest_under_gravity: false, ..exact() };
+    let mut body = Body::new(&build, &desc);
+    let left = body.sim.settle(1e-4 * gravity, 100).unwrap();
+    claim.check(tol::SETTLED, "largest acceleration left / g", left / gravity);
+    let sag = 1000.0 * gravity * length * length / (2.0 * YOUNG);
+    claim.check(tol::SAG, "tip", body.mean_over_plane(0, length, &body.u()).x / sag - 1.0);
+    assert!(body.v().iter().all(|v| *v == Vec3::zeros()));
+}
+
+#[test]
 fn a_step_that_leads_nowhere_finite_is_not_taken() {
     let (build, _) = pressable([4, 4, 4], 2e-3);
     let method = Method::Efg(EfgDesc::default());

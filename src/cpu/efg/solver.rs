@@ -26,6 +26,8 @@ use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, T
 
 /// Bricks of a run: with fewer, cells before a run's first brick are evaluated too often; with more, threads find no work.
 const RUN: usize = 16;
+/// Steps in which tissue settles, in s.
+const SETTLING_S: f64 = 1.0;
 /// Most solutions of a step, each with contact as the one before answered.
 const MAX_SOLUTIONS: usize = 8;
 
@@ -96,10 +98,6 @@ impl<R: EfgReal> EfgSolver<R> {
     /// One implicit step, over the fraction `span` of the plan's.
     fn substep(&mut self, plan: &StepPlan, span: [f64; 2], sums: &mut [ToolSum], report: &mut StepReport) {
         let g = plan.gravity;
-        // Settling looks for rest alone: it forgets velocities.
-        if plan.kinetic_damping {
-            self.v.0.fill(Default::default());
-        }
         let step = Step {
             dt: plan.dt,
             drag_per_s: plan.drag_per_s,
@@ -272,7 +270,13 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         let started = Instant::now();
         let mut report = StepReport::default();
         let part = |substep: u32| f64::from(substep) / f64::from(plan.substeps);
+        // Settling looks for rest alone: steps so long that inertia is nothing, from no velocity each.
+        let settling = StepPlan { dt: SETTLING_S, ..*plan };
+        let plan = if plan.kinetic_damping { &settling } else { plan };
         for substep in 0..plan.substeps {
+            if plan.kinetic_damping {
+                self.halt();
+            }
             self.substep(plan, [part(substep), part(substep + 1)], sums, &mut report);
             if report.has_diverged {
                 break;

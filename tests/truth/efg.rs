@@ -14,7 +14,7 @@ use palpate::solver::load::Load;
 use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 use palpate::solver::tool::ToolDesc;
 
-use super::elastic::{BEAM, BEAM_DENSITY, timoshenko};
+use super::elastic::{BEAM, cantilever, timoshenko};
 use super::scene::{
     Body, Noise, block, exact, faces_at, hold, material, roller, step_to, touch_flat_top, voxels,
 };
@@ -164,13 +164,7 @@ fn a_cantilever_converges_to_timoshenko_without_locking_or_hourglass() {
     ] {
         let mut ratios = Vec::new();
         for (cells, reference) in [2, 4, 8].into_iter().zip(references) {
-            let (half, h) = (cells / 2, BEAM / cells as f64);
-            let mut build = block([8 * cells, half, half], h, material(YOUNG, poisson, BEAM_DENSITY));
-            roller(&mut build, 0);
-            roller(&mut build, 1);
-            hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true, true, false]);
-            hold(&mut build, Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0), [false, false, true]);
-            let mut body = Body::new(&build, &SimDesc { step_s: 1.0, ..statics(Elasticity::Corotated) });
+            let mut body = cantilever(cells, poisson, &statics(Elasticity::Corotated));
             let tip = 1e-4 * length;
             let force = tip / timoshenko(poisson, length).0;
             let traction_pa = Vec3::z() * (force / (BEAM * BEAM));

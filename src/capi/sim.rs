@@ -545,7 +545,9 @@ fn method(desc: &plp_sim_desc) -> Result<Method, Fault> {
     let (tolerance, max_iterations) = (desc.tolerance, desc.max_iterations);
     match desc.method {
         PLP_METHOD_LATTICE => Ok(Method::Lattice),
-        PLP_METHOD_EFG => Ok(Method::Efg(EfgDesc { elasticity, scheme, tolerance, max_iterations })),
+        PLP_METHOD_EFG => {
+            Ok(Method::Efg(EfgDesc { elasticity, scheme, tolerance, max_iterations, ..EfgDesc::default() }))
+        }
         other => Err(Fault::argument(format!("method {other} is no PLP_METHOD_ value"))),
     }
 }

@@ -29,7 +29,7 @@ pub fn publish<R: Real>(
 
     workers.run(&|member| {
         let (positions, normals, scalars) = (&positions, &normals, &scalars);
-        let mine = count * member.index / member.count..count * (member.index + 1) / member.count;
+        let mine = member.share(count);
         for v in mine.clone() {
             let row = &surface.rows[v];
             let moved: Vec3 = (0..ROW).map(|i| u.vec3(row.nodes[i]) * f64::from(row.weights[i])).sum();

@@ -3,6 +3,7 @@
 //! A general thread pool wakes its sleepers in 0.1 to 3 ms, which is a whole step. These workers spin for a while after a job and only
 //! then park, and a job is a whole step: inside it, threads meet at a spinning barrier.
 
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicPtr, AtomicUsize, Ordering};
@@ -51,6 +52,11 @@ impl Member<'_> {
     /// Waits until all members have come here. What any of them wrote before is then visible to all.
     pub fn meet(&self) {
         self.barrier.wait();
+    }
+
+    /// Its part of `count` things in a row, as large as everybody's.
+    pub fn share(&self, count: usize) -> Range<usize> {
+        count * self.index / self.count..count * (self.index + 1) / self.count
     }
 }
 

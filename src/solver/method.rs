@@ -24,6 +24,18 @@ pub struct EfgDesc {
     pub tolerance: f64,
     /// Most iterations of a step; what was reached by then stands, and the statistics say so.
     pub max_iterations: u32,
+    /// Which cells have rows of their own.
+    pub rows: Rows,
+}
+
+/// Which cells have rows of their own: nodes, shape functions and their gradients, stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Rows {
+    /// Those that do not see their own eight corners alone; all others have the same shape functions, and nothing is stored for them.
+    #[default]
+    Irregular,
+    /// All of them: the same results but for rounding, many times as slow. For tests, and for comparison with Magnoux and Ozell (2021).
+    All,
 }
 
 /// How velocities at the end of a step follow from those at its start.
@@ -44,6 +56,7 @@ impl Default for EfgDesc {
             scheme: Scheme::default(),
             tolerance: 1e-3,
             max_iterations: 500,
+            rows: Rows::default(),
         }
     }
 }

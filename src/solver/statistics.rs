@@ -52,7 +52,7 @@ pub struct Statistics {
     pub dropped_s: f64,
     /// Events that nobody read in time.
     pub dropped_events: u64,
-    /// Bytes copied between the host and the GPU since creation, that included; 0 on the processor.
+    /// Bytes copied between the host and the GPU since creation, that included; on the processor only the meshless model's rows, to where steps read them.
     pub copied: Copied,
 }
 

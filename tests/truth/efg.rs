@@ -11,12 +11,12 @@ use palpate::model::{Build, LabelUse, Model};
 use palpate::sim::{Precision, SimDesc};
 use palpate::solver::Solver;
 use palpate::solver::load::Load;
-use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
+use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 use palpate::solver::tool::ToolDesc;
 
 use super::elastic::{BEAM, cantilever, timoshenko};
 use super::scene::{
-    Body, Noise, block, exact, faces_at, hold, material, roller, step_to, touch_flat_top, voxels,
+    Body, Noise, block, exact, faces_at, hold, material, ragged, roller, step_to, touch_flat_top, voxels,
 };
 use super::tolerance::{self as tol, Claim};
 
@@ -39,8 +39,15 @@ fn forces<R: EfgReal>(
     elasticity: Elasticity,
     u: impl Fn(Vec3) -> Vec3,
 ) -> (Vec<Vec3>, f64) {
+    forces_of::<R>(model, EfgDesc { elasticity, ..EfgDesc::default() }, u)
+}
+
+fn forces_of<R: EfgReal>(
+    model: &Arc<Model>,
+    desc: EfgDesc,
+    mut u: impl FnMut(Vec3) -> Vec3,
+) -> (Vec<Vec3>, f64) {
     let lattice = model.lattice();
-    let desc = EfgDesc { elasticity, ..EfgDesc::default() };
     let mut solver = EfgSolver::<R>::new(model, &desc, 1).unwrap();
     let mut furthest = 0.0_f64;
     for slot in lattice.slots() {
@@ -327,6 +334,56 @@ fn the_number_of_threads_changes_no_bit() {
     let alone = of(1);
     assert!(alone.0.last().unwrap().force_n.norm() > 0.0);
     assert!(alone == of(2) && alone == of(3));
+}
+
+#[test]
+fn rows_for_all_cells_give_the_forces_of_cells_without() {
+    let mut claim = Claim::new("EFG rows");
+    let tissue = [material(YOUNG, 0.45, 1000.0), material(5.0 * YOUNG, 0.3, 1100.0)];
+    let model = model(&ragged([11, 9, 6], H, 4, 0.7, tissue));
+    for elasticity in [Elasticity::Corotated, Elasticity::Linear, Elasticity::StVenantKirchhoff] {
+        let of = |rows: Rows| {
+            let mut noise = Noise(31);
+            let turn = Quat::from_scaled_axis(Vec3::new(0.2, -0.5, 0.3));
+            let desc = EfgDesc { elasticity, rows, ..EfgDesc::default() };
+            forces_of::<f64>(&model, desc, |x| turn * x - x + noise.vec3() * 0.05 * H).0
+        };
+        let (without, with) = (of(Rows::Irregular), of(Rows::All));
+        let largest = without.iter().map(Vec3::norm).fold(0.0, f64::max);
+        let off = without.iter().zip(&with).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        claim.check(tol::ROUNDING, &format!("{elasticity:?}"), off / largest);
+    }
+}
+
+#[test]
+fn rows_for_all_cells_give_the_steps_of_cells_without() {
+    let mut claim = Claim::new("EFG rows, steps");
+    let (build, top) = pressable([7, 6, 5], 2e-3);
+    let model = model(&build);
+    let of = |rows: Rows, threads: usize| {
+        let method =
+            Method::Efg(EfgDesc { rows, tolerance: 1e-11, max_iterations: 2000, ..EfgDesc::default() });
+        let mut body = Body::of(&model, &SimDesc { method, threads, ..exact() });
+        let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(6e-3) }).unwrap();
+        for step in 0..15 {
+            step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + 6e-3 - 1e-4 * f64::from(step)));
+        }
+        let statistics = body.sim.statistics();
+        assert!(statistics.contact_points > 0);
+        (body.u(), statistics)
+    };
+    let ((without, seen), (with, also_seen)) = (of(Rows::Irregular, 1), of(Rows::All, 1));
+    let largest = without.iter().map(Vec3::norm).fold(0.0, f64::max);
+    let off = without.iter().zip(&with).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    claim.check(tol::ROWS_STEPS, "displacements", off / largest);
+    claim.check(tol::ROWS_STEPS, "strain", also_seen.max_strain / seen.max_strain - 1.0);
+    for (a, b) in seen.volume_ratio.into_iter().zip(also_seen.volume_ratio) {
+        claim.check(tol::ROWS_STEPS, "volume ratio", b - a);
+    }
+    // Rows were copied, and copied once.
+    assert_eq!(seen.copied.to_device, 0);
+    assert!(also_seen.copied.to_device > 210 * 20 * 60, "{:?}", also_seen.copied);
+    assert!(with == of(Rows::All, 3).0, "the number of threads changes no bit");
 }
 
 #[test]

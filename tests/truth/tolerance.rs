@@ -96,6 +96,11 @@ pub const IMPLICIT_MOMENTUM: Tolerance =
     tolerance("IMPLICIT_MOMENTUM", 1e-8, "the tolerance of the solution, over 200 steps");
 pub const EFG_INDENTATION: Tolerance =
     tolerance("EFG_INDENTATION", 0.2, "two to four cells in the radius of contact, a layer of six radii");
+pub const ROWS_STEPS: Tolerance = tolerance(
+    "ROWS_STEPS",
+    1e-7,
+    "the tolerance of the solution, in 15 steps with contact, times its condition",
+);
 pub const TRUE_RESIDUAL: Tolerance = tolerance("TRUE_RESIDUAL", 1e-4, "what was asked for");
 pub const SINGLE_FORCE: Tolerance = tolerance(
     "SINGLE_FORCE",

@@ -6,6 +6,7 @@
 
 use super::super::lanes::Lanes;
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Run};
+use super::rows::{Place, Table};
 use crate::model::lattice::BRICK_SLOTS;
 
 /// Rows of nodes that a brick's cells touch along y, and along z: from one before the brick to one behind it.
@@ -40,6 +41,12 @@ pub trait Source<L: Lanes> {
     /// # Safety
     /// The octet exists and nobody writes it.
     unsafe fn load(&self, octet: usize) -> L;
+
+    /// One of them.
+    ///
+    /// # Safety
+    /// As [`Self::load`], and `lane` is below 8.
+    unsafe fn number(&self, octet: usize, lane: usize) -> L::Real;
 }
 
 /// What cells give to their corners.
@@ -49,6 +56,12 @@ pub trait Law<L: Lanes, const N: usize> {
     /// # Safety
     /// The row exists and nobody writes what is known of its cells.
     unsafe fn give(&self, row: CellRow, materials: &[u8; 8], u: &Corners<L, 3>) -> Corners<L, N>;
+
+    /// For one cell with a row of its own, to one of the nodes that it sees, while nodes hold what `source` reads.
+    ///
+    /// # Safety
+    /// The place exists, and nobody writes what is known of its cell, nor what `source` reads.
+    unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, source: &impl Source<L>) -> [L::Real; N];
 }
 
 /// Materials of a row of cells.
@@ -162,6 +175,7 @@ impl<L: Lanes, const N: usize> Received<L, N> {
 pub unsafe fn gather<L: Lanes, const N: usize>(
     bricks: &Bricks,
     run: Run,
+    rows: &Table<L::Real>,
     source: &impl Source<L>,
     law: &impl Law<L, N>,
     mut finish: impl FnMut(usize, usize, [L; N], [L; 3]),
@@ -186,6 +200,14 @@ pub unsafe fn gather<L: Lanes, const N: usize>(
             let mut sum = low;
             for n in 0..N {
                 sum[n] = low[n].add(high[n].shift_up(last.rows[row][1][n]));
+            }
+            if rows.touches(brick, row) {
+                // SAFETY: as above.
+                let more = unsafe { rows.gather::<L, N>(brick, row, source, law) };
+                for n in 0..N {
+                    // SAFETY: eight numbers.
+                    sum[n] = sum[n].add(unsafe { L::load(more[n].as_ptr()) });
+                }
             }
             finish(brick, row, sum, staged.rows[(row / 4 + 1) * SIDE + row % 4 + 1][0]);
         }

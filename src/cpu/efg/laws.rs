@@ -3,9 +3,9 @@
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::BRICK_ROWS;
 use super::gather::{CellRow, Corners, Law, Source};
-use crate::model::efg::law::{
-    Elasticity, HOURGLASS, Matrix, corotated_stress, deformation, green_strain, hooke, product, stress_change,
-};
+use super::rows::{Place, Table};
+use crate::math::Num;
+use crate::model::efg::law::{Elasticity, HOURGLASS, Matrix, stress, stress_change, transform};
 use crate::model::law::CellLaw;
 
 /// Numbers of a cell's frame.
@@ -48,6 +48,12 @@ impl<L: Lanes> Source<L> for Plain<L::Real> {
         // SAFETY: the caller's octet exists.
         unsafe { L::load(self.0.add(octet).cast()) }
     }
+
+    #[inline(always)]
+    unsafe fn number(&self, octet: usize, lane: usize) -> L::Real {
+        // SAFETY: as above.
+        unsafe { (*self.0.add(octet)).0[lane] }
+    }
 }
 
 /// z + β p: the next direction of a conjugate gradient, before it is written anywhere.
@@ -64,6 +70,12 @@ impl<L: Lanes> Source<L> for Onward<L::Real> {
         unsafe {
             L::load(self.p.add(octet).cast()).fma(L::splat(self.beta), L::load(self.z.add(octet).cast()))
         }
+    }
+
+    #[inline(always)]
+    unsafe fn number(&self, octet: usize, lane: usize) -> L::Real {
+        // SAFETY: as above.
+        unsafe { (*self.p.add(octet)).0[lane].fma(L::Real::splat(self.beta), (*self.z.add(octet)).0[lane]) }
     }
 }
 
@@ -126,10 +138,18 @@ pub unsafe fn frame<L: Lanes>(frames: *const Octet<L::Real>, row: CellRow) -> Ma
     [[load(0), load(1), load(2)], [load(3), load(4), load(5)], [load(6), load(7), load(8)]]
 }
 
+/// What a cell with a row of its own knows.
+#[inline(always)]
+unsafe fn row_frame<R: Copy>(frames: *const Matrix<R>, row: u32) -> Matrix<R> {
+    // SAFETY: the caller's row exists, and nobody writes it.
+    unsafe { *frames.add(row as usize) }
+}
+
 /// Inner forces.
 pub struct Forces<'a, R> {
     pub moduli: &'a Moduli<R>,
     pub frames: *const Octet<R>,
+    pub row_frames: *const Matrix<R>,
     pub elasticity: Elasticity,
 }
 
@@ -139,17 +159,22 @@ impl<L: Lanes> Law<L, 3> for Forces<'_, L::Real> {
         let m = self.moduli;
         let (mu, lambda) = (L::look_up(&m.mu, materials), L::look_up(&m.lambda, materials));
         let (g, sums) = gradient(u, L::splat(m.inverse_4h));
-        let stress = match self.elasticity {
-            Elasticity::Linear => hooke(&g, mu, lambda),
-            Elasticity::StVenantKirchhoff => product(&deformation(&g), &hooke(&green_strain(&g), mu, lambda)),
-            Elasticity::Corotated => {
-                // SAFETY: as the caller promises.
-                let turned = unsafe { frame::<L>(self.frames, row) };
-                corotated_stress(&turned, &g, mu, lambda)
-            }
-        };
+        // SAFETY: as the caller promises.
+        let stress = stress(self.elasticity, &unsafe { frame::<L>(self.frames, row) }, &g, mu, lambda);
         let lengths = (L::splat(m.half_h), L::splat(m.quarter_h2));
         corner_forces(u, &g, sums, &stress, L::look_up(&m.hourglass, materials), lengths)
+    }
+
+    unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, source: &impl Source<L>) -> [L::Real; 3] {
+        let m = usize::from(rows.cell(place.row).material);
+        let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
+        // SAFETY: as the caller promises.
+        unsafe {
+            let motion = rows.motion::<L>(place.row, source);
+            let turned = row_frame(self.row_frames, place.row);
+            let stress = stress(self.elasticity, &turned, &motion.gradient, mu, lambda);
+            rows.force::<L>(place, source, &motion, &stress, self.moduli.hourglass[m])
+        }
     }
 }
 
@@ -157,6 +182,7 @@ impl<L: Lanes> Law<L, 3> for Forces<'_, L::Real> {
 pub struct Changes<'a, R> {
     pub moduli: &'a Moduli<R>,
     pub frames: *const Octet<R>,
+    pub row_frames: *const Matrix<R>,
 }
 
 impl<L: Lanes> Law<L, 3> for Changes<'_, L::Real> {
@@ -170,13 +196,28 @@ impl<L: Lanes> Law<L, 3> for Changes<'_, L::Real> {
         let lengths = (L::splat(m.half_h), L::splat(m.quarter_h2));
         corner_forces(u, &g, sums, &stress, L::look_up(&m.hourglass, materials), lengths)
     }
+
+    unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, source: &impl Source<L>) -> [L::Real; 3] {
+        let m = usize::from(rows.cell(place.row).material);
+        let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
+        // SAFETY: as the caller promises.
+        unsafe {
+            let motion = rows.motion::<L>(place.row, source);
+            let stress = stress_change(&row_frame(self.row_frames, place.row), &motion.gradient, mu, lambda);
+            rows.force::<L>(place, source, &motion, &stress, self.moduli.hourglass[m])
+        }
+    }
 }
 
 /// The blocks on the diagonal of −[`Changes`], as xx, xy, xz, yy, yz, zz.
 pub struct Diagonal<'a, R> {
     pub moduli: &'a Moduli<R>,
     pub frames: *const Octet<R>,
+    pub row_frames: *const Matrix<R>,
 }
+
+/// Which components a block's numbers belong to.
+const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
 impl<L: Lanes> Law<L, 6> for Diagonal<'_, L::Real> {
     #[inline(always)]
@@ -196,7 +237,6 @@ impl<L: Lanes> Law<L, 6> for Diagonal<'_, L::Real> {
         // One corner's own motion is its own mean by an eighth, and three parts of its gradient by an eighth each.
         let unseen = hourglass.mul(L::splat(0.5));
         let mut given = [[[L::splat(0.0); 6]; 2]; 4];
-        const PAIRS: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
         for (n, (i, j)) in PAIRS.into_iter().enumerate() {
             let gram = x[i].fma(x[j], y[i].fma(y[j], z[i].mul(z[j])));
             let cross = |p: [L; 3], q: [L; 3]| p[i].fma(q[j], q[i].mul(p[j])).mul(along);
@@ -216,5 +256,24 @@ impl<L: Lanes> Law<L, 6> for Diagonal<'_, L::Real> {
             }
         }
         given
+    }
+
+    unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, _: &impl Source<L>) -> [L::Real; 6] {
+        let (cell, entry) = (rows.cell(place.row), rows.entry(place));
+        let m = usize::from(cell.material);
+        let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
+        let dot = |a: [L::Real; 3], b: [L::Real; 3]| a[0].fma(b[0], a[1].fma(b[1], a[2].mul(b[2])));
+        // SAFETY: as the caller promises.
+        let a = unsafe { row_frame(self.row_frames, place.row) };
+        // As for a corner above, with b = ∇φ.
+        let t = transform(&a, entry.gradient);
+        let straight = cell.volume.mul(mu).mul(dot(entry.gradient, entry.gradient));
+        let along = cell.volume.mul(lambda.add(mu));
+        let hold = self.moduli.hourglass[m].mul(cell.fill).mul(entry.share);
+        let unseen = L::Real::splat(1.0).sub(entry.share).sub(dot(entry.gradient, entry.arm));
+        PAIRS.map(|(i, j)| {
+            let block = straight.fma(dot(a[i], a[j]), along.mul(t[i].mul(t[j])));
+            if i == j { hold.fma(unseen, block) } else { block }
+        })
     }
 }

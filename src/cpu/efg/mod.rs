@@ -1,10 +1,12 @@
 //! The meshless model on the processor: implicit steps by matrix-free conjugate gradients, eight cells at a time.
 
+mod block;
 mod conjugate;
 mod gather;
 mod laws;
 mod press;
 pub mod route;
+mod rows;
 pub mod solver;
 mod system;
 mod turn;

@@ -7,7 +7,8 @@
 use super::super::contact::ContactSurface;
 use super::super::contact::found::Found;
 use super::super::lanes::Real;
-use super::system::{Block, Parts, System};
+use super::block::Block;
+use super::system::{Parts, System};
 use crate::math::{Mat3, Vec3};
 use crate::solver::ToolStep;
 

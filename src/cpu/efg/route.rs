@@ -40,6 +40,7 @@ unsafe fn begin<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run])
         for &run in mine {
             parts.look::<L>(run);
         }
+        parts.look_at_rows::<L>(member.share(parts.batches()));
         member.meet();
         for &run in mine {
             parts.invert::<L>(run);

@@ -17,10 +17,12 @@ use super::system::{Parts, Step, System};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
+use crate::model::efg::rows::RowTable;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
 use crate::solver::load::NodalLoads;
-use crate::solver::method::{EfgDesc, Scheme};
+use crate::solver::method::{EfgDesc, Rows, Scheme};
+use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum};
 
@@ -40,6 +42,8 @@ pub struct EfgSolver<R: EfgReal> {
     flags: Vec<u8>,
     laws: [CellLaw; 16],
     system: System<R>,
+    /// Bytes of rows that were copied.
+    uploaded: u64,
     /// The last step.
     dt: f64,
     /// Whether the system was made for another step, or other materials.
@@ -65,13 +69,24 @@ impl<R: EfgReal> EfgSolver<R> {
     ///
     /// Fails when the operating system starts no more threads.
     pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize) -> Result<Self> {
-        let bricks = Bricks::new(model.clone());
+        let mut bricks = Bricks::new(model.clone());
+        let rows = match desc.rows {
+            Rows::Irregular => RowTable::default(),
+            Rows::All => {
+                // No cell is a brick's own any more.
+                bricks.cells.fill(0);
+                RowTable::of_all(model.lattice())?
+            }
+        };
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
         let contact = ContactSurface::new(model.clone());
+        let mut system = System::new(&bricks, rows, desc.elasticity, model.laws());
+        let uploaded = system.upload(&bricks);
         Ok(Self {
             desc: *desc,
-            system: System::new(&bricks, desc.elasticity, model.laws()),
+            system,
+            uploaded,
             flags: model.lattice().flags().to_vec(),
             laws: *model.laws(),
             dt: 0.0,
@@ -95,9 +110,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let parts = system.parts(bricks, flags, step, u, v);
         let (route, press, runs) = (&*route, &*press, &*runs);
         workers.run(&|member: &Member| {
-            let mine =
-                runs.len() * member.index / member.count..runs.len() * (member.index + 1) / member.count;
-            part(route, &parts, press, member, &runs[mine]);
+            part(route, &parts, press, member, &runs[member.share(runs.len())]);
         });
     }
 
@@ -369,10 +382,9 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
             unsafe { (route.begin)(parts, member, mine) }
         });
         self.v = v;
-        let lattice = self.bricks.model.lattice();
         let mut all = vec![Vec3::zeros(); self.flags.len()];
-        for slot in lattice.slots() {
-            let mass = lattice.node_mass(slot, |material| self.laws[usize::from(material)].corner_kg);
+        for slot in self.bricks.model.lattice().slots() {
+            let mass = self.system.mass(slot);
             let flags = self.flags[slot as usize];
             let force = self.system.b.vec3(slot);
             let is_free = |axis: usize| flags & ((flag::FIX_X << axis) | flag::GRASPED) == 0;
@@ -417,5 +429,9 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     fn node_bytes(&self) -> u64 {
         let fields = 2 * self.u.0.len() * size_of_val(&self.u.0[0]);
         fields as u64 + self.system.bytes() + self.flags.len() as u64 * 6
+    }
+
+    fn copied(&self) -> Copied {
+        Copied { to_device: self.uploaded, ..Copied::default() }
     }
 }

@@ -9,26 +9,28 @@
 //! That is backward Euler (Baraff and Witkin 1998), once linearised. [`Scheme::Paper`] has b = A v₀ + dt (…) instead, as Magnoux and Ozell print it: the forces
 //! at the start of the step act with a mass that grows with stiffness. That is stable as well, but damps nothing.
 
+use std::ops::Range;
+
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
+use super::block::{BLOCK, Block, applied, inverted};
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
+use super::rows::{Table, Turned, TurnedParts};
 use super::turn::{Deformed, at_rest, turn};
 use crate::math::Vec3;
 use crate::model::efg::law::Elasticity;
+use crate::model::efg::rows::{BATCH, RowTable};
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
 use crate::solver::method::Scheme;
-
-/// Numbers of a block on A's diagonal: xx, xy, xz, yy, yz, zz.
-pub const BLOCK: usize = 6;
-/// Such a block.
-pub type Block = [f64; BLOCK];
 
 /// What a simulation's steps have in common, and the arrays that they use.
 #[derive(Debug)]
 pub struct System<R> {
     tables: Tables<R>,
+    rows: RowTable,
+    turned: Turned<R>,
     rotations: Vec<Octet<R>>,
     frames: Vec<Octet<R>>,
     inverse: Vec<Octet<R>>,
@@ -55,6 +57,8 @@ struct Tables<R> {
     inverse_4h: f64,
     /// Mass of each node, `[brick][row]`.
     mass: Vec<Octet<R>>,
+    /// What cells with rows of their own see.
+    rows: Table<R>,
 }
 
 /// A step's constants.
@@ -101,8 +105,8 @@ pub struct Seen {
 }
 
 impl<R: Real> System<R> {
-    /// At rest.
-    pub fn new(bricks: &Bricks, elasticity: Elasticity, laws: &[CellLaw; 16]) -> Self {
+    /// At rest. The cells of `rows` are none of the bricks' own.
+    pub fn new(bricks: &Bricks, rows: RowTable, elasticity: Elasticity, laws: &[CellLaw; 16]) -> Self {
         let (count, h) = (bricks.count(), bricks.model.lattice().cell_m());
         let (rotations, frames) = at_rest(count);
         let mut system = Self {
@@ -112,7 +116,10 @@ impl<R: Real> System<R> {
                 changes: Moduli::new(laws, h, |_| 0.0),
                 inverse_4h: 0.25 / h,
                 mass: vec![Octet::default(); count * BRICK_ROWS],
+                rows: Table::default(),
             },
+            turned: Turned::at_rest(rows.len()),
+            rows,
             rotations,
             frames,
             inverse: vec![Octet::default(); count * BLOCK * BRICK_ROWS],
@@ -130,9 +137,16 @@ impl<R: Real> System<R> {
         system
     }
 
+    /// Copies rows that changed to where steps read them. Gives the bytes that it copied.
+    pub fn upload(&mut self, bricks: &Bricks) -> u64 {
+        let lattice = bricks.model.lattice();
+        self.tables.rows.upload(&mut self.rows, lattice.slot_count(), lattice.cell_m())
+    }
+
     /// Cells that are not turned, and nothing that is not finite anywhere.
     pub fn reset(&mut self, bricks: &Bricks) {
         (self.rotations, self.frames) = at_rest(bricks.count());
+        self.turned = Turned::at_rest(self.rows.len());
         for field in &mut self.p {
             field.0.fill(Octet::default());
         }
@@ -154,7 +168,8 @@ impl<R: Real> System<R> {
 
     /// What the last step saw in all bricks.
     pub fn seen(&self) -> Seen {
-        self.seen.iter().fold(Seen::default(), |all, brick| Seen {
+        let of_rows = self.turned.deformed.iter().fold(Deformed::default(), |all, batch| all.max(batch));
+        self.seen.iter().fold(Seen { deformed: of_rows, ..Seen::default() }, |all, brick| Seen {
             noise2: all.noise2 + brick.noise2,
             speed2: all.speed2.max(brick.speed2),
             moved2: all.moved2.max(brick.moved2),
@@ -171,11 +186,29 @@ impl<R: Real> System<R> {
     pub fn set_laws(&mut self, bricks: &Bricks, laws: &[CellLaw; 16]) {
         let lattice = bricks.model.lattice();
         self.tables.forces = Moduli::new(laws, lattice.cell_m(), |_| 1.0);
+        let corner_kg = |material: u8| laws[usize::from(material)].corner_kg;
+        let mut masses = vec![0.0; lattice.slot_count()];
         for slot in lattice.slots() {
-            let at = slot as usize;
-            let mass = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
-            self.tables.mass[at / BRICK_SLOTS * BRICK_ROWS + at % BRICK_SLOTS / 8].0[at % 8] = R::splat(mass);
+            let material = bricks.cells[slot as usize];
+            if material != 0 {
+                for corner in lattice.corners(lattice.node_of(slot)) {
+                    masses[corner as usize] += corner_kg(material);
+                }
+            }
         }
+        for row in (0..self.rows.len()).map(|row| self.rows.row(row)) {
+            for (&slot, phi) in row.nodes.iter().zip(row.phi) {
+                masses[slot as usize] += 8.0 * corner_kg(row.cell.material) * row.cell.volume * phi;
+            }
+        }
+        for (octet, masses) in self.tables.mass.iter_mut().zip(masses.chunks_exact(8)) {
+            *octet = Octet(std::array::from_fn(|lane| R::splat(masses[lane])));
+        }
+    }
+
+    /// Mass of the node in a slot, in kg.
+    pub fn mass(&self, slot: u32) -> f64 {
+        self.tables.mass[slot as usize / 8].0[slot as usize % 8].to_f64()
     }
 
     /// Stiffness in steps of a length.
@@ -194,7 +227,7 @@ impl<R: Real> System<R> {
             + self.inverse.len()
             + self.rotations.len()
             + self.frames.len();
-        (octets * size_of::<Octet<R>>()) as u64
+        (octets * size_of::<Octet<R>>()) as u64 + self.tables.rows.bytes()
     }
 
     /// The parts of a step, for threads to share. Nothing else may touch the system while they are in use.
@@ -223,6 +256,7 @@ impl<R: Real> System<R> {
             inverse: self.inverse.as_mut_ptr(),
             rotations: self.rotations.as_mut_ptr(),
             frames: self.frames.as_mut_ptr(),
+            turned: self.turned.parts(),
             pq: self.pq.as_mut_ptr(),
             residues: self.residues.as_mut_ptr(),
             seen: self.seen.as_mut_ptr(),
@@ -254,6 +288,7 @@ pub struct Parts<'a, R> {
     inverse: *mut Octet<R>,
     rotations: *mut Octet<R>,
     frames: *mut Octet<R>,
+    turned: TurnedParts<R>,
     pq: *mut f64,
     residues: *mut Residue,
     seen: *mut Seen,
@@ -363,30 +398,53 @@ impl<R: Real> Parts<'_, R> {
         }
     }
 
+    /// Finds the frames of cells with rows of their own, a batch at a time.
+    pub unsafe fn look_at_rows<L: Lanes<Real = R>>(&self, batches: Range<usize>) {
+        for batch in batches {
+            // SAFETY: the batch is this thread's, and nobody writes `u`.
+            unsafe {
+                let u = Plain(self.u);
+                self.turned.turn::<L>(&self.tables.rows, batch, self.tables.elasticity, &u);
+            }
+        }
+    }
+
+    /// How many batches there are.
+    pub fn batches(&self) -> usize {
+        self.tables.rows.len().div_ceil(BATCH)
+    }
+
     /// Inverts the blocks on A's diagonal.
     #[inline(always)]
     pub unsafe fn invert<L: Lanes<Real = R>>(&self, run: Run) {
         let t = self.tables;
         let inertia = L::splat(self.step.inertia());
         let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
-        let law = Diagonal { moduli: &t.changes, frames: self.frames };
+        let law = Diagonal { moduli: &t.changes, frames: self.frames, row_frames: self.turned.frames };
         // SAFETY: as promised of parts.
         unsafe {
-            gather::<L, BLOCK>(self.bricks, run, &Plain(self.u), &law, |brick, row, block, moved| {
-                let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
-                let [xx, xy, xz, yy, yz, zz] = block;
-                // What rounding of displacements does to forces, as part of b, where anything is free.
-                let flags = self.flags_of(brick, row);
-                let x = free(xx.mul(moved[0]), flags, 0);
-                let (y, z) = (free(yy.mul(moved[1]), flags, 1), free(zz.mul(moved[2]), flags, 2));
-                let noise = x.fma(x, y.fma(y, z.mul(z)));
-                (*self.seen.add(brick)).noise2 += sum_of(noise) * (epsilon / self.step.dt).powi(2);
-                let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
-                let inverse = inverted([xx, xy, xz, yy, yz, zz]);
-                for n in 0..BLOCK {
-                    inverse[n].store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
-                }
-            });
+            gather::<L, BLOCK>(
+                self.bricks,
+                run,
+                &t.rows,
+                &Plain(self.u),
+                &law,
+                |brick, row, block, moved| {
+                    let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
+                    let [xx, xy, xz, yy, yz, zz] = block;
+                    // What rounding of displacements does to forces, as part of b, where anything is free.
+                    let flags = self.flags_of(brick, row);
+                    let x = free(xx.mul(moved[0]), flags, 0);
+                    let (y, z) = (free(yy.mul(moved[1]), flags, 1), free(zz.mul(moved[2]), flags, 2));
+                    let noise = x.fma(x, y.fma(y, z.mul(z)));
+                    (*self.seen.add(brick)).noise2 += sum_of(noise) * (epsilon / self.step.dt).powi(2);
+                    let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
+                    let inverse = inverted([xx, xy, xz, yy, yz, zz]);
+                    for n in 0..BLOCK {
+                        inverse[n].store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
+                    }
+                },
+            );
         }
     }
 
@@ -395,10 +453,15 @@ impl<R: Real> Parts<'_, R> {
     pub unsafe fn begin<L: Lanes<Real = R>>(&self, run: Run) {
         let (t, step) = (self.tables, self.step);
         let dt = L::splat(step.dt);
-        let forces = Forces { moduli: &t.forces, frames: self.frames, elasticity: t.elasticity };
+        let forces = Forces {
+            moduli: &t.forces,
+            frames: self.frames,
+            row_frames: self.turned.frames,
+            elasticity: t.elasticity,
+        };
         // SAFETY: as promised of parts.
         unsafe {
-            gather::<L, 3>(self.bricks, run, &Plain(self.u), &forces, |brick, row, force, _| {
+            gather::<L, 3>(self.bricks, run, &t.rows, &Plain(self.u), &forces, |brick, row, force, _| {
                 let mass = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast());
                 for c in 0..3 {
                     let octet = at(brick, row, c);
@@ -423,10 +486,10 @@ impl<R: Real> Parts<'_, R> {
     ) {
         let t = self.tables;
         let inertia = L::splat(self.step.inertia());
-        let law = Changes { moduli: &t.changes, frames: self.frames };
+        let law = Changes { moduli: &t.changes, frames: self.frames, row_frames: self.turned.frames };
         // SAFETY: as promised of parts.
         unsafe {
-            gather::<L, 3>(self.bricks, run, source, &law, |brick, row, force, own| {
+            gather::<L, 3>(self.bricks, run, &t.rows, source, &law, |brick, row, force, own| {
                 let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
                 let mut product = force;
                 for c in 0..3 {
@@ -615,28 +678,4 @@ fn block_place(slot: u32) -> (usize, usize) {
 #[inline(always)]
 fn free<L: Lanes>(v: L, flags: &[u8; 8], component: usize) -> L {
     v.free(flags, flag::FIX_X << component).free(flags, flag::GRASPED)
-}
-
-/// A symmetric matrix times a vector.
-#[inline(always)]
-fn applied<L: Lanes>(m: &[L; BLOCK], v: [L; 3]) -> [L; 3] {
-    let [xx, xy, xz, yy, yz, zz] = *m;
-    [
-        xx.fma(v[0], xy.fma(v[1], xz.mul(v[2]))),
-        xy.fma(v[0], yy.fma(v[1], yz.mul(v[2]))),
-        xz.fma(v[0], yz.fma(v[1], zz.mul(v[2]))),
-    ]
-}
-
-/// The inverse of a symmetric matrix; of nothing, nothing that is finite and wrong.
-#[inline(always)]
-fn inverted<L: Lanes>(m: [L; BLOCK]) -> [L; BLOCK] {
-    let [xx, xy, xz, yy, yz, zz] = m;
-    let minor = |a: L, d: L, b: L, c: L| a.mul(d).sub(b.mul(c));
-    let (cxx, cxy, cxz) = (minor(yy, zz, yz, yz), minor(xz, yz, xy, zz), minor(xy, yz, xz, yy));
-    let determinant = xx.fma(cxx, xy.fma(cxy, xz.mul(cxz)));
-    // Places without a node have a matrix of zeros; what they hold is nothing before and after.
-    let least = if size_of::<L::Real>() == 4 { f64::from(f32::MIN_POSITIVE) } else { f64::MIN_POSITIVE };
-    let scale = L::splat(1.0).div(determinant.max(L::splat(least)));
-    [cxx, cxy, cxz, minor(xx, zz, xz, xz), minor(xy, xz, xx, yz), minor(xx, yy, xy, xy)].map(|c| c.mul(scale))
 }

@@ -6,7 +6,7 @@ use super::gather::{CellRow, Staged, materials};
 use super::laws::{MATRIX, Plain, gradient};
 use crate::math::Num;
 use crate::model::efg::law::{
-    Elasticity, Matrix, corotated_strain, deformation, green_strain, rotation_matrix, turn_towards,
+    Elasticity, Matrix, Rotation, corotated_strain, deformation, green_strain, rotation_matrix, turn_towards,
 };
 use crate::model::law::volume_change;
 
@@ -14,6 +14,30 @@ use crate::model::law::volume_change;
 pub const QUATERNION: usize = 4;
 /// Steps of Newton's method for a rotation in each step of time: each squares what is left to turn.
 const TURNS: usize = 3;
+
+/// The rotation, the frame and the strain along its own axes of a cell under the displacement gradient `g`; its rotation was `q`.
+#[inline(always)]
+pub fn frame_of<N: Num>(
+    elasticity: Elasticity,
+    mut q: Rotation<N>,
+    g: &Matrix<N>,
+) -> (Rotation<N>, Matrix<N>, Matrix<N>) {
+    match elasticity {
+        Elasticity::Linear => {
+            let (zero, one) = (N::splat(0.0), N::splat(1.0));
+            (q, [[one, zero, zero], [zero, one, zero], [zero, zero, one]], *g)
+        }
+        Elasticity::StVenantKirchhoff => (q, deformation(g), green_strain(g)),
+        Elasticity::Corotated => {
+            let f = deformation(g);
+            for _ in 0..TURNS {
+                q = turn_towards(q, &f);
+            }
+            let r = rotation_matrix(q);
+            (q, r, corotated_strain(&r, g))
+        }
+    }
+}
 
 /// What the cells of a brick see of their own deformation.
 #[derive(Clone, Copy, Debug, Default)]
@@ -87,33 +111,20 @@ pub unsafe fn turn<L: Lanes>(
             continue;
         }
         let (g, _) = gradient::<L>(&staged.corners(row % 4 + 1, row / 4 + 1), L::splat(inverse_4h));
-        let (there, f) = (L::look_up(&is_there, materials), deformation(&g));
-        let stretch = match elasticity {
-            Elasticity::Linear => g,
-            Elasticity::StVenantKirchhoff => {
-                // SAFETY: this brick's cells are this thread's.
-                unsafe { write(frames, at, &f) };
-                green_strain(&g)
+        let there = L::look_up(&is_there, materials);
+        // SAFETY: this brick's cells are this thread's.
+        let stretch = unsafe {
+            let first = rotations.add(at.at(QUATERNION));
+            let mut q = [zero; QUATERNION];
+            for n in 0..QUATERNION {
+                q[n] = L::load(first.add(n * BRICK_ROWS).cast());
             }
-            Elasticity::Corotated => {
-                // SAFETY: as above.
-                unsafe {
-                    let first = rotations.add(at.at(QUATERNION));
-                    let mut q = [zero; QUATERNION];
-                    for n in 0..QUATERNION {
-                        q[n] = L::load(first.add(n * BRICK_ROWS).cast());
-                    }
-                    for _ in 0..TURNS {
-                        q = turn_towards(q, &f);
-                    }
-                    for n in 0..QUATERNION {
-                        q[n].store(first.add(n * BRICK_ROWS).cast());
-                    }
-                    let r = rotation_matrix(q);
-                    write(frames, at, &r);
-                    corotated_strain(&r, &g)
-                }
+            let (q, frame, stretch) = frame_of(elasticity, q, &g);
+            for n in 0..QUATERNION {
+                q[n].store(first.add(n * BRICK_ROWS).cast());
             }
+            write(frames, at, &frame);
+            stretch
         };
         for axis in 0..3 {
             strain = stretch[axis][axis].magnitude_where(there).max(strain);

@@ -53,6 +53,12 @@ pub fn product<N: Num>(a: &Matrix<N>, b: &Matrix<N>) -> Matrix<N> {
     ]
 }
 
+/// a v.
+#[inline(always)]
+pub fn transform<N: Num>(a: &Matrix<N>, v: [N; 3]) -> [N; 3] {
+    [dot3(a[0], v), dot3(a[1], v), dot3(a[2], v)]
+}
+
 /// aᵀ b.
 #[inline(always)]
 pub fn transposed_product<N: Num>(a: &Matrix<N>, b: &Matrix<N>) -> Matrix<N> {
@@ -93,6 +99,17 @@ pub fn deformation<N: Num>(g: &Matrix<N>) -> Matrix<N> {
 #[inline(always)]
 pub fn corotated_stress<N: Num>(r: &Matrix<N>, g: &Matrix<N>, mu: N, lambda: N) -> Matrix<N> {
     product(r, &hooke(&corotated_strain(r, g), mu, lambda))
+}
+
+/// P under the displacement gradient `g`; `r` is the rotation in F, of a corotated cell.
+#[inline(always)]
+pub fn stress<N: Num>(elasticity: Elasticity, r: &Matrix<N>, g: &Matrix<N>, mu: N, lambda: N) -> Matrix<N> {
+    match elasticity {
+        Elasticity::Linear => hooke(g, mu, lambda),
+        // Green's strain is symmetric, so Hooke's law takes it as it is.
+        Elasticity::StVenantKirchhoff => product(&deformation(g), &hooke(&green_strain(g), mu, lambda)),
+        Elasticity::Corotated => corotated_stress(r, g, mu, lambda),
+    }
 }
 
 /// Rᵀ F − I = Rᵀ G + (Rᵀ − I), each part small where rotations are.
@@ -236,18 +253,8 @@ mod tests {
     fn stress(law: Elasticity, g: &Mat3, mu: f64, lambda: f64) -> Mat3 {
         let g = array(g);
         let f = deformation(&g);
-        match law {
-            Elasticity::Linear => matrix(&hooke(&g, mu, lambda)),
-            Elasticity::StVenantKirchhoff => {
-                // Green's strain is symmetric, so Hooke's law takes it as it is.
-                matrix(&product(&f, &hooke(&green_strain(&g), mu, lambda)))
-            }
-            Elasticity::Corotated => {
-                let mut q = [0.0, 0.0, 0.0, 1.0];
-                (0..40).for_each(|_| q = turn_towards(q, &f));
-                matrix(&corotated_stress(&rotation_matrix(q), &g, mu, lambda))
-            }
-        }
+        let q = (0..40).fold([0.0, 0.0, 0.0, 1.0], |q, _| turn_towards(q, &f));
+        matrix(&super::stress(law, &rotation_matrix(q), &g, mu, lambda))
     }
 
     #[test]

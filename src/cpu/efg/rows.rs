@@ -1,0 +1,302 @@
+//! Cells with rows of their own: what they give to the nodes that they see, one node at a time.
+//!
+//! A node gathers from all rows that it stands in, in their order, after what it receives from regular cells. Each of these is evaluated for it anew, so
+//! that no thread waits for another. That suits few cells, such as those beside a cut.
+
+use super::super::lanes::{Lanes, Real};
+use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS};
+use super::gather::{Law, Source};
+use super::turn::{Deformed, frame_of};
+use crate::model::efg::law::{Elasticity, Matrix, Rotation, transform};
+use crate::model::efg::rows::{BATCH, ROW, RowTable};
+use crate::model::lattice::BRICK_SLOTS;
+use crate::model::law::volume_change;
+
+/// A node in a row.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    pub row: u32,
+    pub entry: u32,
+}
+
+/// A node's part in a row.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Entry<R> {
+    pub slot: u32,
+    /// ∇φ in 1/m.
+    pub gradient: [R; 3],
+    /// w / Σ w.
+    pub share: R,
+    /// Where it lies from the weighted mean of the row, in m.
+    pub arm: [R; 3],
+}
+
+/// A cell's constants.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cell<R> {
+    length: u8,
+    pub material: u8,
+    /// V in m³.
+    pub volume: R,
+    /// 8 V / h³: a regular cell has eight shares of ⅛.
+    pub fill: R,
+}
+
+/// Rows as they are computed with.
+#[derive(Debug, Default)]
+pub struct Table<R> {
+    cells: Vec<Cell<R>>,
+    /// `[row][ROW]`.
+    entries: Vec<Entry<R>>,
+    /// Where each slot's part of `places` begins, and one more.
+    starts: Vec<u32>,
+    places: Vec<Place>,
+    /// Bit `row` is set where a node in that row of a brick stands in a row of a cell. Empty where there are no rows.
+    touched: Vec<u16>,
+}
+
+/// How the nodes of a row move: the mean displacement gradient at its cell, and the weighted mean displacement.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion<R> {
+    pub gradient: Matrix<R>,
+    mean: [R; 3],
+}
+
+impl<R: Real> Table<R> {
+    /// Copies the batches of `rows` that changed. Gives the bytes that it copied.
+    pub fn upload(&mut self, rows: &mut RowTable, slots: usize, cell_m: f64) -> u64 {
+        let changed = rows.take_changed();
+        self.cells.resize(rows.len(), Cell::default());
+        self.entries.resize(rows.len() * ROW, Entry::default());
+        for row in changed.iter().cloned().flatten() {
+            let from = rows.row(row);
+            self.cells[row] = Cell {
+                length: from.nodes.len() as u8,
+                material: from.cell.material,
+                volume: R::splat(from.cell.volume * cell_m.powi(3)),
+                fill: R::splat(8.0 * from.cell.volume),
+            };
+            for n in 0..from.nodes.len() {
+                self.entries[row * ROW + n] = Entry {
+                    slot: from.nodes[n],
+                    gradient: from.gradients[n].map(R::splat).into(),
+                    share: R::splat(from.shares[n]),
+                    arm: from.arms[n].map(R::splat).into(),
+                };
+            }
+        }
+        let copied: usize = changed.iter().map(ExactSizeIterator::len).sum();
+        if copied > 0 {
+            self.list_places(slots);
+        }
+        (copied * (size_of::<Cell<R>>() + ROW * size_of::<Entry<R>>())) as u64
+    }
+
+    /// Which rows every node stands in.
+    fn list_places(&mut self, slots: usize) {
+        let mut listed = Vec::new();
+        for row in 0..self.len() {
+            let of = |(entry, seen): (usize, &Entry<R>)| {
+                (seen.slot, Place { row: row as u32, entry: entry as u32 })
+            };
+            listed.extend(self.row(row).iter().enumerate().map(of));
+        }
+        // Stable: a node gathers from rows in their order.
+        listed.sort_by_key(|&(slot, _)| slot);
+        self.touched = vec![0; slots / BRICK_SLOTS];
+        self.starts = vec![0; slots + 1];
+        for slot in listed.iter().map(|&(slot, _)| slot as usize) {
+            self.touched[slot / BRICK_SLOTS] |= 1 << (slot % BRICK_SLOTS / 8);
+            self.starts[slot + 1] += 1;
+        }
+        for slot in 0..slots {
+            self.starts[slot + 1] += self.starts[slot];
+        }
+        self.places = listed.into_iter().map(|(_, place)| place).collect();
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Bytes of all this.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(&self.cells[..])
+            + size_of_val(&self.entries[..])
+            + size_of_val(&self.starts[..])
+            + size_of_val(&self.places[..])
+            + size_of_val(&self.touched[..])) as u64
+    }
+
+    fn row(&self, row: usize) -> &[Entry<R>] {
+        &self.entries[row * ROW..row * ROW + usize::from(self.cells[row].length)]
+    }
+
+    /// The cell of a row.
+    pub fn cell(&self, row: u32) -> &Cell<R> {
+        &self.cells[row as usize]
+    }
+
+    /// A node's part in a row.
+    pub fn entry(&self, place: Place) -> &Entry<R> {
+        &self.row(place.row as usize)[place.entry as usize]
+    }
+
+    /// Whether nodes in a row of a brick stand in any row.
+    #[inline(always)]
+    pub fn touches(&self, brick: usize, row: usize) -> bool {
+        self.touched.get(brick).is_some_and(|rows| rows >> row & 1 != 0)
+    }
+
+    /// What eight nodes, a row of a brick, receive.
+    ///
+    /// # Safety
+    /// Nobody writes what `source` reads, nor what is known of cells.
+    pub unsafe fn gather<L: Lanes<Real = R>, const N: usize>(
+        &self,
+        brick: usize,
+        row: usize,
+        source: &impl Source<L>,
+        law: &impl Law<L, N>,
+    ) -> [[R; 8]; N] {
+        let mut sum = [[R::default(); 8]; N];
+        for lane in 0..8 {
+            let slot = brick * BRICK_SLOTS + row * 8 + lane;
+            for &place in &self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize] {
+                // SAFETY: as the caller promises.
+                let given = unsafe { law.give_one(self, place, source) };
+                for n in 0..N {
+                    sum[n][lane] = sum[n][lane].add(given[n]);
+                }
+            }
+        }
+        sum
+    }
+
+    /// How the nodes of a row move.
+    ///
+    /// # Safety
+    /// Nobody writes what `source` reads.
+    pub unsafe fn motion<L: Lanes<Real = R>>(&self, row: u32, source: &impl Source<L>) -> Motion<R> {
+        let zero = R::default();
+        let mut motion = Motion { gradient: [[zero; 3]; 3], mean: [zero; 3] };
+        for entry in self.row(row as usize) {
+            // SAFETY: as the caller promises; slots exist.
+            let u = unsafe { vector::<L>(source, entry.slot) };
+            for c in 0..3 {
+                motion.mean[c] = u[c].fma(entry.share, motion.mean[c]);
+                for axis in 0..3 {
+                    motion.gradient[c][axis] = u[c].fma(entry.gradient[axis], motion.gradient[c][axis]);
+                }
+            }
+        }
+        motion
+    }
+
+    /// The force on a node by stress and by what affine motion leaves of its displacement: see [`crate::model::efg::law`].
+    ///
+    /// # Safety
+    /// As [`Self::motion`].
+    pub unsafe fn force<L: Lanes<Real = R>>(
+        &self,
+        place: Place,
+        source: &impl Source<L>,
+        motion: &Motion<R>,
+        stress: &Matrix<R>,
+        hourglass: R,
+    ) -> [R; 3] {
+        let (cell, entry) = (self.cell(place.row), self.entry(place));
+        // SAFETY: as the caller promises.
+        let u = unsafe { vector::<L>(source, entry.slot) };
+        let hold = hourglass.mul(cell.fill).mul(entry.share);
+        let affine = transform(&motion.gradient, entry.arm);
+        let pull = transform(stress, entry.gradient);
+        let mut force = [R::default(); 3];
+        for c in 0..3 {
+            let unseen = u[c].sub(motion.mean[c]).sub(affine[c]);
+            force[c] = R::default().sub(cell.volume.mul(pull[c])).sub(hold.mul(unseen));
+        }
+        force
+    }
+}
+
+/// The vector of a slot.
+unsafe fn vector<L: Lanes>(source: &impl Source<L>, slot: u32) -> [L::Real; 3] {
+    let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+    let octet = brick * BRICK_OCTETS + local / 8;
+    // SAFETY: the caller's slot exists and nobody writes it.
+    let number = |c: usize| unsafe { source.number(octet + c * BRICK_ROWS, local % 8) };
+    [number(0), number(1), number(2)]
+}
+
+/// What the cells of rows know of their own frame, and how far they are deformed.
+#[derive(Debug)]
+pub struct Turned<R> {
+    pub rotations: Vec<Rotation<R>>,
+    pub frames: Vec<Matrix<R>>,
+    /// By batch.
+    pub deformed: Vec<Deformed>,
+}
+
+impl<R: Real> Turned<R> {
+    /// At rest.
+    pub fn at_rest(rows: usize) -> Self {
+        let (zero, one) = (R::splat(0.0), R::splat(1.0));
+        Self {
+            rotations: vec![[zero, zero, zero, one]; rows],
+            frames: vec![[[one, zero, zero], [zero, one, zero], [zero, zero, one]]; rows],
+            deformed: vec![Deformed::default(); rows.div_ceil(BATCH)],
+        }
+    }
+
+    /// Where other threads find it.
+    pub fn parts(&mut self) -> TurnedParts<R> {
+        TurnedParts {
+            rotations: self.rotations.as_mut_ptr(),
+            frames: self.frames.as_mut_ptr(),
+            deformed: self.deformed.as_mut_ptr(),
+        }
+    }
+}
+
+/// [`Turned`], shared by threads that take batches of their own.
+#[derive(Clone, Copy, Debug)]
+pub struct TurnedParts<R> {
+    rotations: *mut Rotation<R>,
+    pub frames: *mut Matrix<R>,
+    deformed: *mut Deformed,
+}
+
+impl<R: Real> TurnedParts<R> {
+    /// Finds the frames of a batch's cells under displacements `u`.
+    ///
+    /// # Safety
+    /// The batch exists and is this thread's, and nobody writes what `u` reads.
+    pub unsafe fn turn<L: Lanes<Real = R>>(
+        &self,
+        table: &Table<R>,
+        batch: usize,
+        elasticity: Elasticity,
+        u: &impl Source<L>,
+    ) {
+        let mut deformed = Deformed::default();
+        for row in batch * BATCH..table.len().min((batch + 1) * BATCH) {
+            // SAFETY: as the caller promises, here and below.
+            let g = unsafe { table.motion::<L>(row as u32, u) }.gradient;
+            // SAFETY: as above.
+            let stretch = unsafe {
+                let (q, frame, stretch) = frame_of(elasticity, *self.rotations.add(row), &g);
+                *self.rotations.add(row) = q;
+                *self.frames.add(row) = frame;
+                stretch
+            };
+            let strain = (0..3).map(|axis| stretch[axis][axis].to_f64().abs() as f32).fold(0.0, f32::max);
+            let change = volume_change(g).1.to_f64() as f32;
+            deformed =
+                deformed.max(&Deformed { strain, swelling: change.max(0.0), shrinking: (-change).max(0.0) });
+        }
+        // SAFETY: as above.
+        unsafe { *self.deformed.add(batch) = deformed };
+    }
+}

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use palpate::math::{Pose, Quat, Vec3};
 use palpate::model::Model;
 use palpate::sim::{Precision, SimDesc, ToolPort};
+use palpate::solver::method::{EfgDesc, Method};
 use palpate::solver::tool::{Shape, ToolDesc, ToolForce, ToolMotion};
 
 use super::scene::{
@@ -39,15 +40,30 @@ fn quarter_space(poisson: f64) -> Arc<Model> {
 }
 
 /// Force on a frictionless tool over the whole half-space once all is at rest.
-fn pressed(model: &Arc<Model>, tool: &ToolDesc, centre: f64) -> f64 {
+fn pressed(model: &Arc<Model>, tool: &ToolDesc, centre: f64, method: Method) -> f64 {
     let shear = model.materials()[0].shear_modulus_pa();
     let slowest = 0.5 * PI * (shear / 1000.0).sqrt() / HEIGHT;
-    let desc = SimDesc { precision: Precision::Single, step_s: 2e-3, ..dragged(2.0 * slowest) };
+    let (desc, steps) = match method {
+        Method::Lattice => {
+            let desc = SimDesc { precision: Precision::Single, step_s: 2e-3, ..dragged(2.0 * slowest) };
+            (desc, (5.0 / slowest / 2e-3) as usize)
+        }
+        // Steps in which the slowest mode turns ten times leave a hundredth of its motion each.
+        Method::Efg(_) => {
+            let step_s = 10.0 / slowest;
+            (SimDesc { method, precision: Precision::Single, step_s, threads: 2, ..exact() }, 3)
+        }
+    };
     let mut body = Body::of(model, &desc);
     let mut port = body.sim.add_tool(tool).unwrap();
     place(&mut port, Vec3::new(0.0, 0.0, HEIGHT + centre));
-    body.steps((5.0 / slowest / 2e-3) as usize);
+    body.steps(steps);
     4.0 * port.force().wrench.force_n.z
+}
+
+/// The meshless model, solved well.
+fn meshless() -> Method {
+    Method::Efg(EfgDesc { tolerance: 1e-4, max_iterations: 5000, ..EfgDesc::default() })
 }
 
 /// −α₀ of a bonded layer, Dimitriadis et al. (2002): to first order a force F sinks the surface by α F / (π E* H) less than it would a
@@ -59,9 +75,12 @@ fn layer_alpha(poisson: f64) -> f64 {
 #[test]
 fn a_sphere_meets_the_force_of_hertz() {
     let mut claim = Claim::new("Hertz");
-    for poisson in [0.25, 0.45] {
+    for (poisson, methods) in [(0.25, vec![Method::Lattice]), (0.45, vec![Method::Lattice, meshless()])] {
         let (radius_m, depth) = (0.03, REACH * REACH / 0.03);
-        let found = pressed(&quarter_space(poisson), &ToolDesc::sphere(radius_m), radius_m - depth);
+        let model = quarter_space(poisson);
+        let forces = methods
+            .iter()
+            .map(|&method| pressed(&model, &ToolDesc::sphere(radius_m), radius_m - depth, method));
 
         // Hertz (1881), and the layer's finite height after Dimitriadis et al. (2002) for any ν, bonded.
         let modulus = YOUNG / (1.0 - poisson * poisson);
@@ -70,8 +89,15 @@ fn a_sphere_meets_the_force_of_hertz() {
         let beta = (0.6387 - 1.0277 * poisson + 1.5164 * poisson * poisson) / (1.0 - poisson);
         let layer = 1.0 - 2.0 * alpha / PI * x + (2.0 * alpha / PI * x).powi(2)
             - 8.0 / PI.powi(3) * (alpha.powi(3) + 4.0 * PI * PI / 15.0 * beta) * x.powi(3);
-        let name = format!("nu {poisson}, F / F_Hertz {:.3}, layer {layer:.3}", found / half_space);
-        claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
+        let forces: Vec<f64> = forces.collect();
+        for (method, found) in methods.iter().zip(&forces) {
+            let name =
+                format!("{method:?}, nu {poisson}, F / F_Hertz {:.3}, layer {layer:.3}", found / half_space);
+            claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
+        }
+        if let [lattice, efg] = forces[..] {
+            claim.check(tol::MODELS_AGREE, "one model beside the other", efg / lattice - 1.0);
+        }
     }
 }
 
@@ -79,21 +105,23 @@ fn a_sphere_meets_the_force_of_hertz() {
 fn a_square_punch_meets_the_force_of_a_charged_plate() {
     let mut claim = Claim::new("flat punch");
     let (poisson, depth) = (0.25, 0.25e-3);
+    let model = quarter_space(poisson);
     // The rounding lies outside six cells, where no contact point is before the next cell's.
     let rounding_m = 0.1e-3;
     let half = REACH + rounding_m;
     let shape = Shape::Box { half_extents_m: Vec3::new(half, half, 0.01), rounding_m };
     let tool = ToolDesc { parts: vec![(Pose::identity(), shape)], friction: 0.0 };
-    let found = pressed(&quarter_space(poisson), &tool, 0.01 - depth);
-
     // The pressure under a rigid frictionless punch is distributed as the charge on a conducting plate, F = π E* d C with the
     // capacitance C as a length: 2 a / π for a disc, which gives 2 E* a d, and 0.36679 times the side for a square (Read 1997).
     let modulus = YOUNG / (1.0 - poisson * poisson);
     let stiffness = PI * 0.36679 * 2.0 * REACH;
     let half_space = stiffness * modulus * depth;
     let layer = 1.0 / (1.0 - stiffness * layer_alpha(poisson) / (PI * HEIGHT));
-    let name = format!("F / F_half-space {:.3}, layer {layer:.3}", found / half_space);
-    claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
+    for method in [Method::Lattice, meshless()] {
+        let found = pressed(&model, &tool, 0.01 - depth, method);
+        let name = format!("{method:?}, F / F_half-space {:.3}, layer {layer:.3}", found / half_space);
+        claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
+    }
 }
 
 // ---- Laws of contact ---------------------------------------------

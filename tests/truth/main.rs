@@ -5,6 +5,9 @@
 
 mod contact;
 mod efg;
+mod efg_beams;
+mod efg_block;
+mod efg_modes;
 mod elastic;
 mod failure;
 mod repeat;

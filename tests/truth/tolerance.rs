@@ -96,6 +96,28 @@ pub const IMPLICIT_MOMENTUM: Tolerance =
     tolerance("IMPLICIT_MOMENTUM", 1e-8, "the tolerance of the solution, over 200 steps");
 pub const EFG_INDENTATION: Tolerance =
     tolerance("EFG_INDENTATION", 0.2, "two to four cells in the radius of contact, a layer of six radii");
+pub const EFG_FREQUENCY_4: Tolerance =
+    tolerance("EFG_FREQUENCY_4", 0.01, "half of what 4 cells give too much, 0.017");
+pub const EFG_FREQUENCY_8: Tolerance =
+    tolerance("EFG_FREQUENCY_8", 4e-3, "half of what 8 cells give too much, 0.005, and three digits of that");
+pub const PLATE: Tolerance = tolerance("PLATE", 0.01, "half of what 4 cells give too much, 0.017");
+pub const ELASTICA: Tolerance =
+    tolerance("ELASTICA", 0.02, "4 cells give 0.017 too much, and shear a hundredth of that");
+pub const ELASTICA_BACK: Tolerance =
+    tolerance("ELASTICA_BACK", 0.04, "how far the tip comes back goes with the square of ELASTICA's");
+pub const TORSION: Tolerance = tolerance(
+    "TORSION",
+    0.02,
+    "12 cells: the resistance to unseen motion is twice that of a twisted cell, of (h / b)^2",
+);
+pub const TORSION_LIMIT: Tolerance = tolerance("TORSION_LIMIT", 5e-3, "the next order of 6 and 12 cells");
+pub const FINITE_ELEMENTS: Tolerance = tolerance(
+    "FINITE_ELEMENTS",
+    0.02,
+    "cells of a sixteenth of the height against quadratic hexahedra, at the edge of a load",
+);
+pub const MODELS_AGREE: Tolerance =
+    tolerance("MODELS_AGREE", 0.05, "six cells in the radius of contact, strains of a few hundredths");
 pub const ROWS_STEPS: Tolerance = tolerance(
     "ROWS_STEPS",
     1e-7,

@@ -84,7 +84,7 @@ fn energy_swings_with_the_square_of_the_step_and_does_not_drift() {
 }
 
 /// Lowest bending frequency of a Timoshenko cantilever in rad/s: shooting from the root, for the end to be free.
-fn timoshenko_frequency(poisson: f64) -> f64 {
+pub fn timoshenko_frequency(poisson: f64) -> f64 {
     let (length, inertia, area) = (8.0 * BEAM, BEAM.powi(4) / 12.0, BEAM * BEAM);
     let shear = 10.0 * (1.0 + poisson) / (12.0 + 11.0 * poisson) * YOUNG / (2.0 * (1.0 + poisson)) * area;
     let bending = YOUNG * inertia;

@@ -434,7 +434,7 @@ typedef void (*plp_log_fn)(void *user, int32_t level, const char *line);
 /// What a model is built from. Fill it with plp_model_desc_init (or plp_model_desc_default), then change what
 /// you need.
 ///
-/// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
+/// The anatomy is the one that is given of grid, labels_path, ct_path and solid; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
 /// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
 /// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met
@@ -489,6 +489,11 @@ typedef struct {
     plp_log_fn log;
     /// Given to log. @nullable
     void *log_user;
+    /// A closed mesh, PLP_SURFACE_MESH or PLP_SURFACE_FILE: cells of cell_m (which must be given) whose centres it winds around have label
+    /// 1, those around it label 0, which is empty unless uses says otherwise. Triangles may face outwards or inwards, all of them alike; a shell
+    /// in another that faces the other way is a cavity. A mesh with a hole is refused. It is no render surface by itself: name it among surfaces as
+    /// well where it shall be one. @nullable
+    const plp_surface_source *solid;
 } plp_model_desc;
 
 /// What a model turned out to be.
@@ -1079,6 +1084,21 @@ plp_status plp_model_desc_init(plp_model_desc *desc, uint32_t desc_size);
 ///
 /// @thread any
 plp_status plp_model_create(const plp_model_desc *desc, plp_model **model);
+
+/// Writes a model to a file, which plp_model_load reads faster than plp_model_create builds. A file of that name is replaced. The file
+/// depends on nothing but the model: it can be read on any machine, by a library of the same format version.
+///
+/// @thread any
+plp_status plp_model_save(const plp_model *model,
+                          const char *path);
+
+/// Reads a model from a file that plp_model_save wrote. What simulations of it compute is the same to the last bit. Materials are as
+/// they were simulated, so that plp_model_info.young_cap_pa is 0. A file that is damaged, or made to deceive, is refused with PLP_ERR_FORMAT. The model is
+/// the caller's, to be given to plp_model_destroy.
+///
+/// @thread any
+plp_status plp_model_load(const char *path,
+                          plp_model **model);
 
 /// Gives a model back. Simulations made from it keep what they need. NULL is fine.
 ///

@@ -1,7 +1,7 @@
 //! Models: built from a desc, shared by simulations.
 
 use std::collections::BTreeMap;
-use std::ffi::{CString, c_void};
+use std::ffi::{CString, c_char, c_void};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -91,6 +91,39 @@ pub unsafe extern "C" fn plp_model_create(
         }
 
         let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(built), cap }, 0);
+        // SAFETY: checked not to be NULL; the host offers a pointer's room.
+        unsafe { model.write_unaligned(handle) };
+        Ok(PLP_OK)
+    })
+}
+
+/// Writes a model to a file, which plp_model_load reads faster than plp_model_create builds. A file of that name is replaced. The file
+/// depends on nothing but the model: it can be read on any machine, by a library of the same format version.
+///
+/// @thread any
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_model_save(model: *const plp_model, path: *const c_char) -> plp_status {
+    boundary(|| {
+        let body = handle::share(model).map_err(handle::fault::<plp_model>)?;
+        // SAFETY: the host's string, or NULL, which is refused.
+        let path = unsafe { read_str(path, "path") }?;
+        body.model.save(path)?;
+        Ok(PLP_OK)
+    })
+}
+
+/// Reads a model from a file that plp_model_save wrote. What simulations of it compute is the same to the last bit. Materials are as
+/// they were simulated, so that plp_model_info.young_cap_pa is 0. A file that is damaged, or made to deceive, is refused with PLP_ERR_FORMAT. The model is
+/// the caller's, to be given to plp_model_destroy.
+///
+/// @thread any
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_model_load(path: *const c_char, model: *mut *mut plp_model) -> plp_status {
+    boundary(|| {
+        check_out(model, "model")?;
+        // SAFETY: the host's string, or NULL, which is refused.
+        let loaded = Model::load(unsafe { read_str(path, "path") }?)?;
+        let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(loaded), cap: (0.0, 0) }, 0);
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
         unsafe { model.write_unaligned(handle) };
         Ok(PLP_OK)
@@ -242,7 +275,7 @@ unsafe fn build_of(desc: &plp_model_desc) -> Result<Build, Fault> {
         other => return Err(Fault::argument(format!("resample {other} is no PLP_RESAMPLE_ value"))),
     };
 
-    // The generated thorax brings what its labels are; the host's word comes first.
+    // The generated thorax, and a solid, bring what labels are; the host's word comes first.
     build.uses = own_uses.unwrap_or_default();
     // SAFETY: promised by the caller.
     build.uses.extend(unsafe { uses(desc) }?);
@@ -282,26 +315,43 @@ fn positive(value: f64, what: &str) -> Result<Option<f64>, Fault> {
 /// # Safety
 /// As [`build_of`].
 unsafe fn anatomy(desc: &plp_model_desc) -> Result<(LabelGrid, Option<BTreeMap<u16, LabelUse>>), Fault> {
-    let given = [!desc.grid.is_null(), !desc.labels_path.is_null(), !desc.ct_path.is_null()];
+    let given =
+        [desc.grid.is_null(), desc.labels_path.is_null(), desc.ct_path.is_null(), desc.solid.is_null()];
+    let given = given.map(|is_null| !is_null);
     match given {
         // SAFETY: promised by the caller.
-        [true, false, false] => Ok((unsafe { grid_in_memory(&desc.grid.read_unaligned()) }?, None)),
-        [false, true, false] => {
+        [true, false, false, false] => Ok((unsafe { grid_in_memory(&desc.grid.read_unaligned()) }?, None)),
+        [false, true, false, false] => {
             // SAFETY: promised by the caller.
             let path = unsafe { read_str(desc.labels_path, "labels_path") }?;
             Ok((import::read_labels(Path::new(path))?, None))
         }
-        [false, false, true] => {
+        [false, false, true, false] => {
             // SAFETY: promised by the caller.
             let (path, ranges) = unsafe { (read_str(desc.ct_path, "ct_path")?, hu_ranges(desc)?) };
             Ok((import::read_intensities(Path::new(path))?.to_labels(&ranges)?, None))
         }
-        [false, false, false] => {
+        [false, false, false, true] => {
+            let Some(cell_m) = positive(desc.cell_m, "cell_m")? else {
+                return Err(Fault::argument("a solid needs cell_m, the edge of its cells"));
+            };
+            // SAFETY: promised by the caller.
+            match unsafe { surface(&desc.solid.read_unaligned(), "solid") }? {
+                SurfaceSource::Mesh(mesh) => {
+                    let around = BTreeMap::from([(0, LabelUse::Empty)]);
+                    Ok((LabelGrid::from_solid(&mesh, cell_m)?, Some(around)))
+                }
+                SurfaceSource::Labels(_) => {
+                    Err(Fault::argument("solid must be PLP_SURFACE_MESH or PLP_SURFACE_FILE"))
+                }
+            }
+        }
+        [false, false, false, false] => {
             // The phantom is drawn on voxels of the cells' size, as far as it can be.
             let cell_m = positive(desc.cell_m, "cell_m")?.unwrap_or(PHANTOM_CELL_M);
             Ok((thorax(cell_m.clamp(0.001, 0.010))?, Some(thorax_uses())))
         }
-        _ => Err(Fault::argument("give only one of grid, labels_path and ct_path")),
+        _ => Err(Fault::argument("give only one of grid, labels_path, ct_path and solid")),
     }
 }
 
@@ -468,6 +518,7 @@ mod tests {
     use std::ffi::{CStr, c_char};
 
     use super::super::boundary::Desc;
+    use super::super::status::PLP_ERR_ARGUMENT;
     use super::*;
 
     #[test]
@@ -504,6 +555,61 @@ mod tests {
         log.warning(|| "soft".into());
         log_of(None, std::ptr::null_mut()).info(|| unreachable!("nobody listens"));
         assert_eq!(lines, [(PLP_LOG_WARNING, "soft".to_owned())]);
+    }
+
+    #[test]
+    fn a_closed_mesh_becomes_tissue_and_one_with_a_hole_is_refused() {
+        // A double pyramid: corners at 0.1 m along all axes.
+        let positions: [[f32; 3]; 6] = [
+            [0.1, 0.0, 0.0],
+            [-0.1, 0.0, 0.0],
+            [0.0, 0.1, 0.0],
+            [0.0, -0.1, 0.0],
+            [0.0, 0.0, 0.1],
+            [0.0, 0.0, -0.1],
+        ];
+        let triangles: [[u32; 3]; 8] =
+            [[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+        let mut mesh = plp_surface_source {
+            kind: PLP_SURFACE_MESH,
+            label_count: 0,
+            labels: std::ptr::null(),
+            positions: positions.as_ptr().cast(),
+            uvs: std::ptr::null(),
+            triangles: triangles.as_ptr().cast(),
+            vertex_count: 6,
+            triangle_count: 8,
+            position_stride: 0,
+            uv_stride: 0,
+            path: std::ptr::null(),
+            scale_to_m: 0.0,
+        };
+        let jelly = material_out(&Material::new("jelly", 1e3, 0.3, 1e3).unwrap());
+        let tissue = plp_label_use { label: 1, kind: PLP_USE_TISSUE, material: jelly };
+        let build = |mesh: &plp_surface_source, cell_m: f64| {
+            let desc = plp_model_desc {
+                solid: std::ptr::from_ref(mesh),
+                uses: &raw const tissue,
+                use_count: 1,
+                cell_m,
+                ..plp_model_desc::with_defaults()
+            };
+            // SAFETY: everything that the desc points to lives until the call returns.
+            let built =
+                unsafe { build_of(&desc) }.map_err(|fault| (fault.status, fault.message.into_owned()))?;
+            built.run(&mut |_, _| true).map_err(|error| (PLP_OK, error.to_string()))
+        };
+        let model = build(&mesh, 0.0101).unwrap();
+        // Its volume is (2 · 0.1)³ / 6; cells of its sides are in it or not by their centres.
+        let volume = model.lattice().cell_count() as f64 * 0.0101_f64.powi(3);
+        assert!((volume / (0.008 / 6.0) - 1.0).abs() < 0.05, "{volume} m³");
+
+        assert!(build(&mesh, 0.0).unwrap_err().1.contains("needs cell_m"));
+        mesh.triangle_count = 7;
+        let (status, message) = build(&mesh, 0.01).unwrap_err();
+        assert!(status == PLP_ERR_ARGUMENT && message.contains("not closed"), "{message}");
+        mesh.kind = PLP_SURFACE_LABELS;
+        assert!(build(&mesh, 0.01).unwrap_err().1.contains("PLP_SURFACE_FILE"));
     }
 
     #[test]

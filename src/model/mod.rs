@@ -1,5 +1,6 @@
 //! WHAT is simulated: immutable, free of any backend, built once in double precision and shared by [`Arc`](std::sync::Arc).
 
+mod archive;
 pub mod binding;
 pub mod build;
 pub mod efg;
@@ -17,6 +18,7 @@ pub mod phantom;
 mod pieces;
 mod placement;
 mod resample;
+pub mod solid;
 pub mod surface;
 
 pub use build::{Build, LabelUse, Model, SurfaceSource};

@@ -89,7 +89,20 @@ impl Surface {
     ) -> Result<Self> {
         mesh.check()?;
         let (rows, materials) = bind(&mesh.positions, space, is_preferred)?;
-        let (triangle_starts, triangle_of) = triangles_by_vertex(mesh.positions.len(), &mesh.triangles)?;
+        Self::bound(mesh, rows, materials)
+    }
+
+    /// A sound mesh with the rows and materials of its vertices.
+    pub(super) fn bound(mesh: TriangleMesh, rows: Vec<Row>, materials: Vec<u8>) -> Result<Self> {
+        let count = mesh.positions.len();
+        if rows.len() != count || materials.len() != count {
+            return Err(Error::argument(format!(
+                "{} rows and {} materials for {count} vertices",
+                rows.len(),
+                materials.len()
+            )));
+        }
+        let (triangle_starts, triangle_of) = triangles_by_vertex(count, &mesh.triangles)?;
 
         let TriangleMesh { positions, triangles, mut uvs } = mesh;
         if uvs.is_empty() {

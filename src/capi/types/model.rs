@@ -133,7 +133,7 @@ pub const PLP_RESAMPLE_NEAREST: u32 = 1;
 /// What a model is built from. Fill it with plp_model_desc_init (or plp_model_desc_default), then change what
 /// you need.
 ///
-/// The anatomy is the first that is given of grid, labels_path and ct_path; giving two is an error. Without
+/// The anatomy is the one that is given of grid, labels_path, ct_path and solid; giving two is an error. Without
 /// any, it is a generated thorax: lungs with airways and vessels, a tumour, ribs, with materials and fixing
 /// of its own, so that a desc of nothing but defaults builds. It fills a box of 0.30 x 0.20 x 0.24 m around the
 /// origin, x to the right of the body, y to its front, z to its head; at (0, y, -0.06) its skin is met
@@ -190,6 +190,11 @@ pub struct plp_model_desc {
     pub log: plp_log_fn,
     /// Given to log. @nullable
     pub log_user: *mut c_void,
+    /// A closed mesh, PLP_SURFACE_MESH or PLP_SURFACE_FILE: cells of cell_m (which must be given) whose centres it winds around have label
+    /// 1, those around it label 0, which is empty unless uses says otherwise. Triangles may face outwards or inwards, all of them alike; a shell
+    /// in another that faces the other way is a cavity. A mesh with a hole is refused. It is no render surface by itself: name it among surfaces as
+    /// well where it shall be one. @nullable
+    pub solid: *const plp_surface_source,
 }
 
 // SAFETY: repr(C), integers, doubles, raw pointers and optional function pointers, 4-byte fields in pairs.
@@ -219,6 +224,7 @@ unsafe impl Desc for plp_model_desc {
             progress_user: std::ptr::null_mut(),
             log: None,
             log_user: std::ptr::null_mut(),
+            solid: std::ptr::null(),
         }
     }
 }

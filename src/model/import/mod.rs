@@ -90,7 +90,7 @@ pub fn read_mesh(path: impl AsRef<Path>, scale_to_m: f64) -> Result<TriangleMesh
 }
 
 /// Opens a regular file; a pipe or a device, which may never end, is refused. Answers its length in bytes.
-fn open(path: &Path) -> Result<(File, u64)> {
+pub(super) fn open(path: &Path) -> Result<(File, u64)> {
     let io_error = |reason| Error::Io { path: path.into(), reason };
     let file = File::open(path).map_err(io_error)?;
     let metadata = file.metadata().map_err(io_error)?;

@@ -1,15 +1,10 @@
 //! The pictures: which there are, and what they have in common.
 
-mod camera;
-mod canvas;
-mod colour;
-mod hollow;
-mod light;
+#[path = "../../common/picture/mod.rs"]
+mod drawing;
 mod outside;
-mod raster;
 mod section;
 mod slice;
-mod solid;
 
 use std::path::Path;
 
@@ -17,8 +12,8 @@ use indicatif::ProgressBar;
 use palpate::math::Vec3;
 use palpate::model::Model;
 
-use self::canvas::{Anchor, Canvas, INK};
-use self::colour::Colour;
+use self::drawing::canvas::{Anchor, Canvas, INK};
+use self::drawing::colour::{self, Colour};
 use super::snapshot::Snapshot;
 use super::tool::Tool;
 

@@ -3,14 +3,15 @@
 use palpate::math::Vec3;
 
 use super::super::snapshot::Snapshot;
-use super::camera::{Camera, Window};
-use super::canvas::{Anchor, Canvas, INK};
-use super::colour::{Colour, FORCE, of_quantity, to_srgb};
-use super::light::Light;
-use super::raster::{Kind, Mesh, Plane, Raster, Vertex};
+use super::drawing::camera::{Camera, Window};
+use super::drawing::canvas::{Anchor, Canvas, INK};
+use super::drawing::colour::{Colour, FORCE, of_quantity, to_srgb};
+use super::drawing::light::Light;
+use super::drawing::raster::{Kind, Mesh, Plane, Raster, Vertex};
+use super::drawing::solid;
 use super::slice::Slice;
 use super::{
-    HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length, solid,
+    HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length,
 };
 
 /// Length of the force arrow in metres.

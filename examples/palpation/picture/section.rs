@@ -3,7 +3,7 @@
 use palpate::math::{Mat3, Vec3};
 use palpate::model::Model;
 
-use super::raster::Plane;
+use super::drawing::raster::Plane;
 
 /// A point of the cut.
 #[derive(Clone, Copy, Debug)]

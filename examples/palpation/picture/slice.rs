@@ -3,14 +3,15 @@
 use palpate::math::Vec3;
 use palpate::model::Model;
 
-use super::camera::{Camera, Window};
-use super::canvas::{Anchor, Canvas, INK};
-use super::colour::{Colour, FORCE, STEEL, of_quantity, to_linear, to_srgb};
-use super::raster::{Kind, Mesh, Plane, Raster, Vertex};
+use super::drawing::camera::{Camera, Window};
+use super::drawing::canvas::{Anchor, Canvas, INK};
+use super::drawing::colour::{Colour, FORCE, STEEL, of_quantity, to_linear, to_srgb};
+use super::drawing::raster::{Kind, Mesh, Plane, Raster, Vertex};
+use super::drawing::solid;
 use super::section::{self, CellCut};
 use super::{
     HEIGHT, Lying, Subject, Tint, WIDTH, headline, legend, material_colour, millimetres, round_length,
-    side_name, solid,
+    side_name,
 };
 
 /// Length of the force arrow in metres.

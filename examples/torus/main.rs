@@ -36,7 +36,7 @@ pub struct Options {
     pub cell_mm: f64,
 
     /// Young's modulus
-    #[arg(long, value_name = "KPA", default_value_t = 5.0)]
+    #[arg(long, value_name = "KPA", default_value_t = 8.0)]
     pub young_kpa: f64,
 
     /// How long it hangs before the picture is taken

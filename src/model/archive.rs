@@ -34,7 +34,7 @@ const MAGIC: [u8; 8] = *b"PLPMODEL";
 const VERSION: u32 = 1;
 /// Bytes before the contents.
 const HEADER: usize = 24;
-/// Flags that a model's nodes may have.
+/// Flags of a node in a rigid region; other nodes have those of held axes alone.
 const FLAGS: u8 = flag::FIX_ALL | flag::DRIVEN;
 /// How far the weights of a vertex may be from one in sum: rounding of weights that are extrapolated over a few cells.
 const WEIGHTS: f64 = 1e-4;
@@ -209,7 +209,8 @@ impl Contents {
     fn placed(&self, cells: [usize; 3]) -> Result<Pose> {
         let [x, y, z, i, j, k, w] = self.frame;
         let turn = na::Quaternion::new(w, i, j, k);
-        if !((turn.norm() - 1.0).abs() <= UNIT) {
+        let off = (turn.norm() - 1.0).abs();
+        if off.is_nan() || off > UNIT {
             return Err(Error::argument("the frame's rotation is no unit quaternion"));
         }
         // As it was, not brought to unit length once more.
@@ -230,7 +231,8 @@ impl Contents {
             return Err(Error::argument(format!("a cell's material is none of {known}")));
         }
         let mut lattice = Lattice::new(cells, self.cell_m, &self.cell_materials)?;
-        if self.flags.len() != lattice.node_count() || self.flags.iter().any(|flags| flags & !FLAGS != 0) {
+        let is_known = |&flags: &u8| flags & !flag::FIX_ALL == 0 || flags == FLAGS;
+        if self.flags.len() != lattice.node_count() || !self.flags.iter().all(is_known) {
             return Err(Error::argument("the flags of nodes are unknown, or of other nodes"));
         }
         let slots: Vec<u32> = lattice.slots().collect();

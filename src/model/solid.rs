@@ -10,6 +10,7 @@
 
 use std::collections::HashMap;
 
+use super::build::MAX_CELLS;
 use super::grid::LabelGrid;
 use super::mesh::TriangleMesh;
 use super::placement::Placement;
@@ -37,6 +38,11 @@ impl LabelGrid {
         // Before memory is taken: a cell may be too small for the mesh, or no size at all.
         let placement =
             Placement::new(dims, Vec3::repeat(cell_m), Pose::translation(centre.x, centre.y, centre.z))?;
+        if placement.count() > MAX_CELLS {
+            return Err(Error::Limit(format!(
+                "cells of {cell_m} m would divide the mesh's box into {dims:?}, more than {MAX_CELLS}"
+            )));
+        }
         let mut labels = vec![0; placement.count()];
 
         let crossings = crossings(&mesh, &centre, cell_m, dims);
@@ -332,7 +338,7 @@ mod tests {
     #[test]
     fn cells_that_are_no_size_or_too_large_or_too_many_are_refused() {
         let mesh = ball(R, Vec3::zeros());
-        for cell_m in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-9, 2.0] {
+        for cell_m in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-9, 5e-5, 2.0] {
             assert!(LabelGrid::from_solid(&mesh, cell_m).is_err(), "{cell_m}");
         }
         let flat = ball(1e-5, Vec3::zeros());

@@ -66,6 +66,13 @@ fn meshless() -> Method {
     Method::Efg(EfgDesc { tolerance: 1e-4, max_iterations: 5000, ..EfgDesc::default() })
 }
 
+fn name_of(method: &Method) -> &'static str {
+    match method {
+        Method::Lattice => "lattice",
+        Method::Efg(_) => "EFG",
+    }
+}
+
 /// −α₀ of a bonded layer, Dimitriadis et al. (2002): to first order a force F sinks the surface by α F / (π E* H) less than it would a
 /// half-space.
 fn layer_alpha(poisson: f64) -> f64 {
@@ -77,10 +84,9 @@ fn a_sphere_meets_the_force_of_hertz() {
     let mut claim = Claim::new("Hertz");
     for (poisson, methods) in [(0.25, vec![Method::Lattice]), (0.45, vec![Method::Lattice, meshless()])] {
         let (radius_m, depth) = (0.03, REACH * REACH / 0.03);
-        let model = quarter_space(poisson);
-        let forces = methods
-            .iter()
-            .map(|&method| pressed(&model, &ToolDesc::sphere(radius_m), radius_m - depth, method));
+        let (model, ball) = (quarter_space(poisson), ToolDesc::sphere(radius_m));
+        let forces: Vec<f64> =
+            methods.iter().map(|&method| pressed(&model, &ball, radius_m - depth, method)).collect();
 
         // Hertz (1881), and the layer's finite height after Dimitriadis et al. (2002) for any ν, bonded.
         let modulus = YOUNG / (1.0 - poisson * poisson);
@@ -89,10 +95,12 @@ fn a_sphere_meets_the_force_of_hertz() {
         let beta = (0.6387 - 1.0277 * poisson + 1.5164 * poisson * poisson) / (1.0 - poisson);
         let layer = 1.0 - 2.0 * alpha / PI * x + (2.0 * alpha / PI * x).powi(2)
             - 8.0 / PI.powi(3) * (alpha.powi(3) + 4.0 * PI * PI / 15.0 * beta) * x.powi(3);
-        let forces: Vec<f64> = forces.collect();
         for (method, found) in methods.iter().zip(&forces) {
-            let name =
-                format!("{method:?}, nu {poisson}, F / F_Hertz {:.3}, layer {layer:.3}", found / half_space);
+            let name = format!(
+                "{}, nu {poisson}, F / F_Hertz {:.3}, layer {layer:.3}",
+                name_of(method),
+                found / half_space
+            );
             claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
         }
         if let [lattice, efg] = forces[..] {
@@ -119,7 +127,8 @@ fn a_square_punch_meets_the_force_of_a_charged_plate() {
     let layer = 1.0 / (1.0 - stiffness * layer_alpha(poisson) / (PI * HEIGHT));
     for method in [Method::Lattice, meshless()] {
         let found = pressed(&model, &tool, 0.01 - depth, method);
-        let name = format!("{method:?}, F / F_half-space {:.3}, layer {layer:.3}", found / half_space);
+        let name = name_of(&method);
+        let name = format!("{name}, F / F_half-space {:.3}, layer {layer:.3}", found / half_space);
         claim.check(tol::INDENTATION, &name, found / (half_space * layer) - 1.0);
     }
 }

@@ -51,7 +51,7 @@ fn pressed(model: &Arc<Model>, tool: &ToolDesc, centre: f64, method: Method) -> 
         // Steps in which the slowest mode turns ten times leave a hundredth of its motion each.
         Method::Efg(_) => {
             let step_s = 10.0 / slowest;
-            (SimDesc { method, precision: Precision::Single, step_s, threads: 2, ..exact() }, 3)
+            (SimDesc { method, precision: Precision::Single, step_s, ..exact() }, 3)
         }
     };
     let mut body = Body::of(model, &desc);

@@ -2,6 +2,8 @@
 
 #[path = "support/gpu.rs"]
 mod gpu;
+#[path = "cuda/efg.rs"]
+mod efg;
 #[path = "cuda/outside.rs"]
 mod outside;
 #[path = "cuda/sleep.rs"]

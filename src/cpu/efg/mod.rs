@@ -3,7 +3,7 @@
 mod conjugate;
 mod gather;
 mod laws;
-mod press;
+pub mod press;
 pub mod route;
 pub mod solver;
 mod system;

@@ -25,25 +25,29 @@ constexpr double AHEAD = 0.7;
 constexpr double STALLED = 0.9;
 // Most solutions of a step, each with contact as the one before answered.
 constexpr int MAX_SOLUTIONS = 8;
-// Numbers of a cell's answer: 3 × 3, and 3.
-constexpr int ANSWER_NUMBERS = 12;
+
+// A component of a cell's answer, read at once.
+template <class R>
+struct alignas(16) Row {
+    R x, y, z, mean;
+};
 
 // What a team shares.
 template <class R>
 struct Team {
+    Row<R> answers[3][CELLS];
     R tile[3][TILE];
-    R answers[ANSWER_NUMBERS][CELLS];
 };
 
 // What a block shares.
 template <class R, int TEAMS>
 struct Shared {
-    Moduli<R> forces[16], changes[16];
-    double scratch[GRID_NUMBERS * 33];
     union {
         Team<R> teams[TEAMS];
         PressShared press;
     };
+    double scratch[GRID_NUMBERS * 33];
+    Moduli<R> forces[16], changes[16];
 };
 
 // A team's threads meet.
@@ -105,7 +109,7 @@ struct Worker {
         return {flags & 1 ? R(0) : v.x, flags & 2 ? R(0) : v.y, flags & 4 ? R(0) : v.z};
     }
 
-    // Stages a field around a brick, and gives it at this thread's node.
+    // Stages a field around a brick, for when the team has met, and gives it at this thread's node.
     __device__ __forceinline__ V3<R> stage(const void* field, uint32_t brick, uint32_t around) const {
         const V3<R> own = get(field, brick);
         const int at = tile_at(1 + node % BRICK_X, 1 + node / BRICK_X % BRICK_Y, 1 + node / (BRICK_X * BRICK_Y));
@@ -120,7 +124,6 @@ struct Worker {
             const R* const there = all + size_t(from) * (VECTOR * BRICK_NODES) + (entry >> 14);
             for (int c = 0; c < 3; ++c) t.tile[c][entry & 511] = there[c * BRICK_NODES];
         }
-        meet_team(team);
         return own;
     }
 
@@ -143,7 +146,7 @@ struct Worker {
         return a;
     }
 
-    // Has all cells that touch the staged brick answer by their moduli and stress(gradient, moduli, brick, cell), and gives the sum on this thread's node.
+    // Has all cells that touch the staged brick answer by their moduli and stress(gradient, frame, moduli), and gives the sum on this thread's node.
     template <class Stress>
     __device__ __forceinline__ V3<R> gather(uint32_t around, const Moduli<R>* moduli, Stress stress) const {
 #pragma unroll 1
@@ -152,19 +155,24 @@ struct Worker {
             const int x = cell % CELLS_X, y = cell / CELLS_X % CELLS_Y, z = cell / (CELLS_X * CELLS_Y);
             // Cells before the brick begin in another one.
             const uint32_t from = __shfl_sync(~0u, around, (x > 0 ? 1 : 0) + (y > 0 ? 3 : 0) + (z > 0 ? 9 : 0));
-            if (cell >= CELLS) continue;
             const uint32_t there = ((z + BRICK_Z - 1) % BRICK_Z * BRICK_Y + (y + BRICK_Y - 1) % BRICK_Y) * BRICK_X + (x + BRICK_X - 1) % BRICK_X;
-            const uint32_t material = e.cells[from * BRICK_NODES + there];
-            Answer<R> a{};
+            // What is known of the cell comes while the tile does.
+            uint32_t material = 0;
+            Matrix<R> a;
+            if (cell < CELLS) {
+                material = e.cells[from * BRICK_NODES + there];
+                a = frame(from, there);
+            }
+            if (round == 0) meet_team(team);
+            Answer<R> given{};
             if (material) {
                 const Moduli<R> by = moduli[material];
                 const Gradient<R> seen = see(tile_at(x, y, z));
-                a = cell_answer(seen, stress(seen.g, by, from, there), by.hourglass, h);
+                given = cell_answer(seen, stress(seen.g, a, by), by.hourglass, h);
             }
+            if (cell >= CELLS) continue;
 #pragma unroll
-            for (int n = 0; n < 9; ++n) t.answers[n][cell] = a.q.m[n / 3][n % 3];
-#pragma unroll
-            for (int c = 0; c < 3; ++c) t.answers[9 + c][cell] = a.mean[c];
+            for (int c = 0; c < 3; ++c) t.answers[c][cell] = {given.q.m[c][0], given.q.m[c][1], given.q.m[c][2], given.mean[c]};
         }
         meet_team(team);
         const int first = (node / (BRICK_X * BRICK_Y) * CELLS_Y + node / BRICK_X % BRICK_Y) * CELLS_X + node % BRICK_X;
@@ -174,8 +182,8 @@ struct Worker {
             // Cell c lies before the node along an axis where its bit is 0: the node is its upper corner there.
             const int cell = first + ((c & 4 ? 1 : 0) * CELLS_Y + (c & 2 ? 1 : 0)) * CELLS_X + (c & 1);
             const auto along = [&](int i) {
-                const R x = t.answers[3 * i][cell], y = t.answers[3 * i + 1][cell], z = t.answers[3 * i + 2][cell];
-                return t.answers[9 + i][cell] + ((c & 1 ? -x : x) + ((c & 2 ? -y : y) + (c & 4 ? -z : z)));
+                const Row<R> row = t.answers[i][cell];
+                return row.mean + ((c & 1 ? -row.x : row.x) + ((c & 2 ? -row.y : row.y) + (c & 4 ? -row.z : row.z)));
             };
             sum.x += along(0), sum.y += along(1), sum.z += along(2);
         }
@@ -186,8 +194,8 @@ struct Worker {
     __device__ __forceinline__ V3<R> product_of(const void* field, uint32_t brick, V3<R>& own) const {
         const uint32_t near = around(brick);
         own = stage(field, brick, near);
-        const V3<R> sum = gather(near, s.changes, [&](const Matrix<R>& g, const Moduli<R>& by, uint32_t from, uint32_t cell) {
-            return stress_change(frame(from, cell), g, by.mu, by.lambda);
+        const V3<R> sum = gather(near, s.changes, [](const Matrix<R>& g, const Matrix<R>& a, const Moduli<R>& by) {
+            return stress_change(a, g, by.mu, by.lambda);
         });
         const R heavy = *of<1>(e.heavy, brick);
         return {heavy * own.x - sum.x, heavy * own.y - sum.y, heavy * own.z - sum.z};
@@ -196,6 +204,7 @@ struct Worker {
     // Finds the frames of a brick's cells. Sees how they are deformed: largest strain, J − 1 and 1 − J.
     __device__ __forceinline__ void look(uint32_t brick, float seen[3]) const {
         stage(e.u, brick, around(brick));
+        meet_team(team);
         if (e.cells[slot(brick)]) {
             const Matrix<R> g = see(tile_at(1 + node % BRICK_X, 1 + node / BRICK_X % BRICK_Y, 1 + node / (BRICK_X * BRICK_Y))).g;
             const Matrix<R> f = deformation(g);
@@ -230,8 +239,8 @@ struct Worker {
     __device__ __forceinline__ double build(uint32_t brick) const {
         const uint32_t near = around(brick);
         const V3<R> u = stage(e.u, brick, near), v = get(e.v, brick);
-        V3<R> force = gather(near, s.forces, [&](const Matrix<R>& g, const Moduli<R>& by, uint32_t from, uint32_t cell) {
-            if (step.elasticity == COROTATED) return corotated_stress(frame(from, cell), g, by.mu, by.lambda);
+        V3<R> force = gather(near, s.forces, [&](const Matrix<R>& g, const Matrix<R>& a, const Moduli<R>& by) {
+            if (step.elasticity == COROTATED) return corotated_stress(a, g, by.mu, by.lambda);
             if (step.elasticity == LINEAR) return hooke(g, by.mu, by.lambda);
             return product(deformation(g), hooke(green_strain(g), by.mu, by.lambda));
         });
@@ -590,10 +599,10 @@ using namespace efg_kernel;
     extern "C" __global__ void __launch_bounds__(TEAMS* BRICK_NODES, 1)                                                          \
         NAME(const __grid_constant__ Efg e, const __grid_constant__ Contact c, const __grid_constant__ Push loads,               \
              const __grid_constant__ Drive regions) {                                                                            \
-        extern __shared__ double memory[];                                                                                       \
+        extern __shared__ float4 memory[];                                                                                       \
         take_step<R, TEAMS>(e, c, loads, regions, reinterpret_cast<unsigned char*>(memory));                                     \
     }
-// With as many teams as fit into 91 KiB and into 61 KiB of shared memory.
+// With as many teams as registers allow, and as fit into 61 KiB of shared memory.
 PLP_EFG(efg_single, float, 6)
 PLP_EFG(efg_single_small, float, 4)
 PLP_EFG(efg_double, double, 4)

@@ -294,9 +294,9 @@ impl EfgKernels {
         let [processors, most_bytes] = device.processors()?;
         let bytes = |teams: u32| efg_shared_bytes(teams as usize, precision.number_bytes) as u32;
         let (name, teams) =
-            precision.kernels.into_iter().find(|&(_, teams)| bytes(teams) <= most_bytes).ok_or_else(|| {
-                Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
-            })?;
+            precision.kernels.into_iter().find(|&(_, teams)| bytes(teams) <= most_bytes).ok_or_else(
+                || Error::Unsupported(format!("{} has too little memory in its processors", device.name())),
+            )?;
         let module = Module::load(device, &EFG.of_version(version))?;
         Ok(Self {
             step: module.function_together(name, bytes(teams))?,

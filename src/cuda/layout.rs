@@ -337,10 +337,7 @@ impl Motion {
     pub fn of(pose: &Pose) -> Self {
         // Rounded after the difference: a small turn stays as precise as it is.
         let turn = pose.rotation.to_rotation_matrix().into_inner() - Mat3::identity();
-        Self {
-            turn: std::array::from_fn(|i| turn[(i / 3, i % 3)]),
-            way: pose.translation.vector.into(),
-        }
+        Self { turn: std::array::from_fn(|i| turn[(i / 3, i % 3)]), way: pose.translation.vector.into() }
     }
 }
 

@@ -1,9 +1,9 @@
 //! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
 
-#[path = "support/gpu.rs"]
-mod gpu;
 #[path = "cuda/efg.rs"]
 mod efg;
+#[path = "support/gpu.rs"]
+mod gpu;
 #[path = "cuda/outside.rs"]
 mod outside;
 #[path = "cuda/sleep.rs"]

@@ -142,7 +142,8 @@ impl Device {
 
     /// How many processors it has, and how many bytes of its own memory each has for one block.
     pub(super) fn processors(&self) -> Result<[u32; 2]> {
-        let [count, bytes] = [PROCESSORS, SHARED_BYTES].map(|number| attribute(self.driver, self.handle, number));
+        let [count, bytes] =
+            [PROCESSORS, SHARED_BYTES].map(|number| attribute(self.driver, self.handle, number));
         Ok([count?, bytes?])
     }
 

@@ -295,7 +295,8 @@ impl CudaSolver {
                 let look = sleep.look(substep, substeps);
                 let mark = outside.settles || substep == substeps || look.is_some();
                 let mut pass = self.pass(start, substep, mark);
-                let lists = self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, substeps)?;
+                let lists =
+                    self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, substeps)?;
                 let sleepers = self.sleep.on_device();
                 let (kernel, blocks) = match sleep {
                     sleep::Plan::Listed { blocks, .. } => {
@@ -438,7 +439,13 @@ impl CudaSolver {
             self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
         }
         let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(&self.kernels.surfaces, &self.stream, &self.pass(self.state.current, 1, false), field, arrays)
+        surface.publish(
+            &self.kernels.surfaces,
+            &self.stream,
+            &self.pass(self.state.current, 1, false),
+            field,
+            arrays,
+        )
     }
 
     /// Materials or what is held have changed: what was made of them before is made anew.

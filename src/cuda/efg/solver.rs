@@ -245,7 +245,8 @@ impl<R: Number> CudaEfgSolver<R> {
         let mut v = vec![R::splat(0.0); 3 * self.body.flags.len()];
         self.state.v.read(0, &mut v)?;
         self.state.v.clear()?;
-        let inertia = EfgStep { inertia: 1.0, is_paper: 0, only_forces: 1, ..self.record(1.0, 0.0, Vec3::zeros()) };
+        let inertia =
+            EfgStep { inertia: 1.0, is_paper: 0, only_forces: 1, ..self.record(1.0, 0.0, Vec3::zeros()) };
         self.take(inertia, Plan::default(), outside::Plan::default())?;
         self.state.v.write(0, &v)?;
         self.state.impulses(&mut v)?;
@@ -361,7 +362,8 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         for slot in lattice.slots().filter(|_| !forces.is_empty()) {
             let mass = lattice.node_mass(slot, |material| self.body.laws[usize::from(material)].corner_kg);
             let (flags, force) = (self.body.flags[slot as usize], vector(&forces, slot));
-            let free = |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
+            let free =
+                |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
         all

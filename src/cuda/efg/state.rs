@@ -218,7 +218,8 @@ impl<R: Number> State<R> {
 
     /// Bytes of state, system and topology.
     pub fn bytes(&self) -> u64 {
-        let fields = [&self.mass, &self.heavy, &self.inverse, &self.rotations, &self.frames, &self.u, &self.v];
+        let fields =
+            [&self.mass, &self.heavy, &self.inverse, &self.rotations, &self.frames, &self.u, &self.v];
         let numbers = fields.into_iter().chain(&self.system).map(Buffer::bytes).sum::<u64>();
         numbers + self.neighbours.bytes() + self.flags.bytes() + self.cells.bytes() + self.shown.bytes()
     }

@@ -26,6 +26,7 @@ tools=(memcheck initcheck synccheck)
 # test.
 raced=cuda:a_moment_of_everything_is_that_of_the_processor
 kernels=(kns=lattice kne=contact kns=contact_ kne=report kne=judge)
+raced_implicit=cuda:efg::bone_is_the_same_wall_on_both
 launches=100
 
 fail() {
@@ -57,7 +58,7 @@ pack() {
     rm -rf "$folder"
     built "$folder/tests" test "${targets[@]}"
     built "$folder/benches" bench --bench lattice --bench efg
-    for pair in "${sanitized[@]}" "$raced"; do
+    for pair in "${sanitized[@]}" "$raced" "$raced_implicit"; do
         "$folder/tests/${pair%%:*}" --list | grep -x "${pair#*:}: test" >/dev/null || fail "there is no test $pair"
     done
     if [[ -n "${PALPATE_DATA:-}" ]]; then
@@ -102,10 +103,10 @@ run_sanitizers() {
             attempt "$tool-$name" "$sanitizer" --tool "$tool" --error-exitcode 1 "$here/tests/${pair%%:*}" --exact "$name"
         done
     done
-    local kernel
-    for kernel in "${kernels[@]}"; do
-        attempt "racecheck-${kernel#*=}" "$sanitizer" --tool racecheck --kernel-name "$kernel" --launch-count "$launches" --error-exitcode 1 \
-            "$here/tests/${raced%%:*}" --exact "${raced#*:}"
+    for pair in "${kernels[@]/%/ $raced}" "kns=efg $raced_implicit"; do
+        name="${pair%% *}" pair="${pair#* }"
+        attempt "racecheck-${name#*=}" "$sanitizer" --tool racecheck --kernel-name "$name" --launch-count "$launches" --error-exitcode 1 \
+            "$here/tests/${pair%%:*}" --exact "${pair#*:}"
     done
 }
 

@@ -3,7 +3,7 @@
 mod conjugate;
 mod gather;
 mod laws;
-pub mod press;
+pub(crate) mod press;
 pub mod route;
 pub mod solver;
 mod system;

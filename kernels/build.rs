@@ -13,9 +13,22 @@ use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become two images.
-const IMAGES: [&str; 7] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report"];
+const IMAGES: [&str; 8] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report", "efg"];
 /// What they include.
-const HEADERS: [&str; 6] = ["block.cuh", "clock.cuh", "contact.cuh", "law.cuh", "layout.cuh", "tool.cuh"];
+const HEADERS: [&str; 12] = [
+    "block.cuh",
+    "clock.cuh",
+    "contact.cuh",
+    "efg.cuh",
+    "grid.cuh",
+    "law.cuh",
+    "layout.cuh",
+    "outside.cuh",
+    "points.cuh",
+    "press.cuh",
+    "tile.cuh",
+    "tool.cuh",
+];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {
     folder: &'static str,

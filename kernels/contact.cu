@@ -10,6 +10,7 @@
 #include "block.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
+#include "points.cuh"
 #include "tool.cuh"
 
 namespace contact_kernel {
@@ -22,17 +23,10 @@ constexpr int HELD = MAX_COUPLED / LANES;
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest that the first one found.
 constexpr int ITERATIONS = 256;
 constexpr float CONVERGED = 3e-4f;
-// Of a point's mobility, how much must belong to free nodes for the point to count as movable.
-constexpr float MOVABLE = 1e-3f;
-// Most points of one site: more tools than that do not meet in one place.
-constexpr uint32_t MOST_OF_SITE = 7;
-constexpr uint16_t NOT_ACTIVE = 0xffff;
 // Tools and their parts that are fetched before it is known how many there are: a word for each thread.
 constexpr int EARLY_TOOLS = THREADS * 4 / sizeof(ToolStep), EARLY_PARTS = THREADS * 4 / sizeof(Part);
 // Loads of a carrier that a thread keeps in registers.
 constexpr int HELD_LOADS = 8;
-
-__device__ float4 with(const Vec& v, float w) { return make_float4(v.x, v.y, v.z, w); }
 
 // Sums over the eight threads of a group.
 __device__ float group_sum(float x) {
@@ -40,12 +34,6 @@ __device__ float group_sum(float x) {
     return x;
 }
 __device__ Vec group_sum(const Vec& v) { return {group_sum(v.x), group_sum(v.y), group_sum(v.z)}; }
-
-// How fast a tool moves at `at`, seen from its origin.
-__device__ Vec velocity_of(const ToolStep& tool, const Vec& at, float duration) {
-    const Vec linear{float(tool.to[0] - tool.from[0]), float(tool.to[1] - tool.from[1]), float(tool.to[2] - tool.from[2])};
-    return (linear + cross(vec(tool.turn), at)) * (1.0f / duration);
-}
 
 // A site: where it is at rest, how far from there it is and was before the substep, and what decides which parts of a tool it meets.
 struct Site {
@@ -123,11 +111,6 @@ __device__ __forceinline__ float improve(const Known& k, const Vec& change, bool
     s = {{push + way.push * momentum, drag + way.drag * momentum}, {push, drag}, way, turns ? 0.0f : s.age + 1.0f};
     return fmaxf(fabsf(way.push), fmaxf(fabsf(way.drag.x), fmaxf(fabsf(way.drag.y), fabsf(way.drag.z))));
 }
-
-// Which sites are active, in their order: the site, its first point, and what a site is among them.
-struct Active {
-    uint16_t site[MAX_POINTS], first[MAX_POINTS + 1], of[MAX_SITES];
-};
 
 // What a block works on.
 struct Work {

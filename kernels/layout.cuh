@@ -3,6 +3,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include "contact.cuh"
+#include "efg.cuh"
 
 // Nodes of a brick along x, y, z, and in all.
 constexpr int BRICK_X = 8, BRICK_Y = 4, BRICK_Z = 4, BRICK_NODES = BRICK_X * BRICK_Y * BRICK_Z;
@@ -87,6 +88,9 @@ struct Report {
     double vis_viva;
     uint32_t contact_points;
     uint32_t dropped_points;
+    // Of an implicit step: all its iterations, and the share of its first residual that was left.
+    uint32_t iterations;
+    float residual;
     // From the start of the step's first kernel to now.
     uint64_t device_ns;
     ToolSum sums[MAX_TOOLS];
@@ -149,16 +153,16 @@ struct Pushed {
     uint32_t slot;
     // Its pressed faces: where they begin, and how many there are.
     uint32_t start, count;
-    // By forces that keep their direction, in m/s²; and 1 / mass. Zero along held axes.
-    float acceleration[3];
-    float mobility[3];
+    // Of loads that keep their direction, in N; and 1 / mass, zero along held axes.
+    double force[3];
+    double mobility[3];
 };
 
 // A pressed face: corners counter-clockwise seen from outside, the diagonals from the first two of them at rest, and the pressure in Pa.
 struct Pressed {
     uint32_t corners[4];
-    float diagonals[2][3];
-    float pressure;
+    double diagonals[2][3];
+    double pressure;
 };
 
 // All loads.
@@ -170,7 +174,7 @@ struct Push {
 
 // A node of a region that is driven.
 struct Driven {
-    float rest[3];
+    double rest[3];
     uint32_t slot;
     // Its region's place among those that are driven.
     uint32_t region;
@@ -178,8 +182,8 @@ struct Driven {
 
 // What makes a displacement of a rest position: a rotation's matrix less the unit matrix, row by row, and a translation in m.
 struct Motion {
-    float turn[9];
-    float way[3];
+    double turn[9];
+    double way[3];
 };
 
 // All regions that are driven.
@@ -311,4 +315,105 @@ struct Surface {
     float4* positions;
     float4* normals;
     float* scalars;
+};
+
+// What meshless cells of one material resist by, and what becomes of that in a step: times dt² + β dt.
+struct EfgLaw {
+    Moduli<double> forces, changes;
+};
+
+// How tissue answers to strain; see src/model/efg/law.rs.
+enum Elasticity { COROTATED, LINEAR, ST_VENANT_KIRCHHOFF };
+
+// What is new in each implicit step. Model frame, SI units; the record of the tools is its last part.
+struct EfgStep {
+    double dt;
+    // What drag makes of a mass.
+    double inertia;
+    double gravity[3];
+    // The share of the first residual that may be left.
+    double tolerance;
+    // A node that goes further is lost, in m.
+    double furthest;
+    // What bone resists by, in N/m.
+    double wall;
+    // The fraction of the tools' ways at the start and the end of the step, and how far from a tool a point may be that it may come to meet, in m.
+    float from, to, reach;
+    uint32_t max_iterations;
+    // An Elasticity.
+    uint32_t elasticity;
+    // Whether b has A v₀ in place of M v₀; and whether no more is wanted than b.
+    uint32_t is_paper, only_forces;
+    // Which one of a step's it is, from 0.
+    uint32_t substep;
+    // How often blocks have met in this step, all together.
+    uint32_t arrived;
+    Step step;
+};
+
+// Numbers of a field that each brick has: of vectors, blocks on the diagonal, rotations and frames.
+enum EfgNumbers { VECTOR = 3, BLOCK = 6, ROTATION = 4, FRAME = 9 };
+
+// What contact keeps of each of its points, in single or double precision.
+enum PressField {
+    // Impulse per velocity, in kg: along the normal, and across it, now and as the last solution asks for.
+    STIFFNESS,
+    GRIP,
+    NEXT_GRIP,
+    // Whether it is pushed at all, now and then.
+    IS_PUSHED,
+    NEXT_IS_PUSHED,
+    // Velocity along the normal that puts it out.
+    WANTED,
+    // Of active sites: how they move, and what their points answer to that.
+    MOVING,
+    ANSWER = MOVING + 3,
+    PRESS_FIELDS = ANSWER + 3,
+};
+
+// Most numbers that blocks of a grid sum up at once.
+constexpr int GRID_NUMBERS = 4;
+
+// Bytes that a block of the step's kernel shares, with so many teams.
+template <class R, int TEAMS>
+constexpr size_t EFG_SHARED_BYTES = GRID_NUMBERS * 33 * 8 + (96 + 3780 * TEAMS) * sizeof(R);
+
+// The meshless state and its system, A x = b; see src/cpu/efg/system.rs. Arrays whose type is not named are of float or double, `numbers` of which each brick
+// has for each of its nodes: [brick][number][node]. Behind the last brick lies one of zeros, which stands for every brick that is not there.
+struct Efg {
+    uint32_t bricks;
+    // Whether this kernel is the step's first.
+    uint32_t starts;
+    double cell;
+    EfgStep* step;
+    const EfgLaw* laws;         // [16]
+    const uint32_t* neighbours;  // 27 for each brick, x fastest
+    const uint8_t* flags;
+    // Materials of cells, by their lowest corners.
+    const uint8_t* cells;
+    // Displacements and words, for what knows no model.
+    float4* shown;
+    const void* mass;
+    // What a node's own motion meets in A without what its cells see of it.
+    void* heavy;
+    void* inverse;
+    void* rotations;
+    void* frames;
+    void *u, *v, *x, *b;
+    // Residual, that preconditioned, direction, A times these two, and A times x.
+    void *r, *z, *p, *w, *s, *ax;
+    // What contact adds to A times a vector, three numbers for each carrier; and how much all points together put on it.
+    void* touched;
+    void* shares;
+    void* press;  // [PRESS_FIELDS][MAX_POINTS]
+    // Sums of blocks, in turn; and the largest strains that they saw.
+    double* partials;
+    float4* seen;
+    // Whether contact answered as it was asked.
+    uint32_t* is_settled;
+    // Bricks with nodes that carry listed sites.
+    const uint32_t* near_tools;
+    // When the step began, by the device's clock.
+    uint64_t* started;
+    Report* report;
 };

@@ -1,6 +1,6 @@
 // What acts on the tissue besides tools, after every substep: loads, and rigid regions that are driven. And kinetic damping, by which it settles.
 #include "layout.cuh"
-#include "tool.cuh"
+#include "outside.cuh"
 
 namespace outside_kernel {
 
@@ -10,12 +10,6 @@ constexpr int THREADS = 128, JUDGE_THREADS = 1024;
 // Whether this substep went wrong, or one before it: then its state is as good as gone.
 __device__ bool is_lost(const Pass& pass) { return *pass.diverged_at <= pass.substep; }
 
-// From one corner of a face to the one across, before this substep, so that faces do not see what loads do in it.
-__device__ Vec diagonal(const Pass& pass, const Pressed& face, int first) {
-    const float4 a = pass.u[face.corners[first]], b = pass.u[face.corners[first + 2]];
-    return vec(face.diagonals[first]) + Vec{b.x - a.x, b.y - a.y, b.z - a.z};
-}
-
 }  // namespace outside_kernel
 using namespace outside_kernel;
 
@@ -24,15 +18,14 @@ extern "C" __global__ void __launch_bounds__(THREADS) push(const __grid_constant
     const uint32_t i = blockIdx.x * THREADS + threadIdx.x;
     if (i >= loads.count || is_lost(pass)) return;
     const Pushed node = loads.nodes[i];
-    Vec force{0, 0, 0};
-    for (uint32_t f = node.start; f < node.start + node.count; ++f) {
-        const Pressed face = loads.faces[f];
-        // The vector area is half the product of the diagonals; each corner bears a quarter.
-        force = force - cross(diagonal(pass, face, 0), diagonal(pass, face, 1)) * (0.125f * face.pressure);
-    }
+    // Before this substep, so that faces do not see what loads do in it.
+    const Triple force = force_on(loads, node, [&](uint32_t slot) -> Triple {
+        const float4 u = pass.u[slot];
+        return {u.x, u.y, u.z};
+    });
     const Step& step = *pass.step;
-    const Vec a = vec(node.acceleration) + Vec{force.x * node.mobility[0], force.y * node.mobility[1], force.z * node.mobility[2]};
-    const Vec dv = a * (step.dt * step.keep);
+    const double kick = step.dt * step.keep;
+    const Vec dv{float(force.x * node.mobility[0] * kick), float(force.y * node.mobility[1] * kick), float(force.z * node.mobility[2] * kick)};
     const size_t at = velocity_at(node.slot);
     pass.v_next[at] += dv.x;
     pass.v_next[at + BRICK_NODES] += dv.y;
@@ -48,8 +41,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) drive(const __grid_constan
     if (i >= regions.count || is_lost(pass)) return;
     const Driven node = regions.nodes[i];
     const Motion motion = regions.motions[(pass.substep - 1) * regions.regions + node.region];
-    const Vec rest = vec(node.rest);
-    const Vec moved = Vec{dot(vec(motion.turn), rest), dot(vec(motion.turn + 3), rest), dot(vec(motion.turn + 6), rest)} + vec(motion.way);
+    const Triple there = place_of(node, motion);
+    const Vec moved{float(there.x), float(there.y), float(there.z)};
     const float4 u = pass.u[node.slot];
     const Vec v = (moved - Vec{u.x, u.y, u.z}) * (1.0f / pass.step->dt);
     const size_t at = velocity_at(node.slot);

@@ -49,6 +49,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
         told->diverged_at = *diverged_at;
         told->contact_points = tools ? contact[PUSHED] : 0;
         told->dropped_points = contact[DROPPED];
+        told->iterations = 0;
+        told->residual = 0.0f;
         for (int i = 0; i < SLEEP_COUNTS; ++i) told->awake[i] = awake ? awake[i] : 0;
         *diverged_at = ~0u;
     }

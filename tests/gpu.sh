@@ -17,6 +17,8 @@ sanitized=(
     cuda:sleep::a_body_at_rest_on_a_gpu_sleeps_and_wakes_where_it_is_touched
     cuda:outside::settling_sees_the_peaks_that_the_processor_sees
     cuda:outside::tissue_that_loads_or_bones_carry_to_a_tool_is_seen_in_time
+    cuda:efg::a_press_inside_the_implicit_step_feels_as_on_the_processor
+    cuda:efg::loads_and_driven_bones_act_as_on_the_processor
     lattice_bench:a_sphere_in_a_held_block_is_felt_by_the_baseline
 )
 tools=(memcheck initcheck synccheck)
@@ -24,6 +26,7 @@ tools=(memcheck initcheck synccheck)
 # test.
 raced=cuda:a_moment_of_everything_is_that_of_the_processor
 kernels=(kns=lattice kne=contact kns=contact_ kne=report kne=judge)
+raced_implicit=cuda:efg::bone_is_the_same_wall_on_both
 launches=100
 
 fail() {
@@ -54,8 +57,8 @@ pack() {
     done < <(grep -rl 'has_gpu(' tests --include='*.rs' | sed 's|^tests/||; s|/.*||; s|\.rs$||' | grep -vx support | sort -u)
     rm -rf "$folder"
     built "$folder/tests" test "${targets[@]}"
-    built "$folder/benches" bench --bench lattice
-    for pair in "${sanitized[@]}" "$raced"; do
+    built "$folder/benches" bench --bench lattice --bench efg
+    for pair in "${sanitized[@]}" "$raced" "$raced_implicit"; do
         "$folder/tests/${pair%%:*}" --list | grep -x "${pair#*:}: test" >/dev/null || fail "there is no test $pair"
     done
     if [[ -n "${PALPATE_DATA:-}" ]]; then
@@ -100,10 +103,10 @@ run_sanitizers() {
             attempt "$tool-$name" "$sanitizer" --tool "$tool" --error-exitcode 1 "$here/tests/${pair%%:*}" --exact "$name"
         done
     done
-    local kernel
-    for kernel in "${kernels[@]}"; do
-        attempt "racecheck-${kernel#*=}" "$sanitizer" --tool racecheck --kernel-name "$kernel" --launch-count "$launches" --error-exitcode 1 \
-            "$here/tests/${raced%%:*}" --exact "${raced#*:}"
+    for pair in "${kernels[@]/%/ $raced}" "kns=efg $raced_implicit"; do
+        name="${pair%% *}" pair="${pair#* }"
+        attempt "racecheck-${name#*=}" "$sanitizer" --tool racecheck --kernel-name "$name" --launch-count "$launches" --error-exitcode 1 \
+            "$here/tests/${pair%%:*}" --exact "${pair#*:}"
     done
 }
 
@@ -114,6 +117,11 @@ run_benches() {
         --scene lung-4.5mm --scene thorax-4.5mm --scene thorax-3mm --scene thorax-1.5mm
     attempt bench-still "$bench" --backend cuda --json --still
     attempt bench-latency "$bench" --backend cuda --json --latency
+    local precision
+    for precision in f32 f64; do
+        attempt "bench-efg-$precision" "$here/benches/efg" --backend cuda --json --precision "$precision" \
+            --cells 1000 --cells 8000 --cells 80000 --cells 1000000
+    done
 }
 
 # The value of a key in a JSON line, cut to what a table can show; nothing where it is absent.
@@ -158,7 +166,9 @@ run() {
 
     echo
     if compgen -G "$out/bench-*.jsonl" >/dev/null; then
-        table us_per_step scene nodes poisson sleeping substeps us_per_step baseline_us_per_step ratio rtf awake_nodes max_force_n
+        table substeps scene nodes poisson sleeping substeps us_per_step baseline_us_per_step ratio rtf awake_nodes max_force_n
+        echo
+        table cg_iterations scene cells precision us_per_step device_us_per_step p99_us cg_iterations us_per_iteration true_residual rtf max_force_n
         echo
         table max_us scene nodes poisson p50_us p99_us p999_us max_us min_force_n max_force_n
         echo

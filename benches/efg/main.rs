@@ -3,7 +3,8 @@
 //! `cargo bench --bench efg` prints a table, `cargo bench --bench efg -- --json` one object per line. A block of cubic cells of 2 mm, 5 kPa, ν = 0.45, held at its base, hangs
 //! under gravity and is pressed by a ball of a sixth of its width.
 //!
-//! `us_per_step` is the median of a whole update: frames, forces, contact, solution, motion; `us_per_iteration` the least over steps of that by its iterations.
+//! `us_per_step` is the median of a whole update: frames, forces, contact, solution, motion; `device_us_per_step` that of what the device was at work;
+//! `us_per_iteration` the least over steps of a whole update by its iterations. `bytes_uploaded` go to a GPU in a step.
 //! `cg_iterations` is the mean of those, over all solutions of a step; `true_residual` the largest share of a step's first residual that was left.
 
 use std::process::ExitCode;

@@ -57,8 +57,10 @@ pub fn run(options: &Options, cells: usize, dt: f64) -> Result<Figure> {
     let radius = RADIUS * width;
     let mut tool = sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(radius) })?;
     let steps = (options.seconds / dt).ceil().max(4.0) as usize;
-    let (mut times, mut iterations, mut fastest) = (Vec::new(), 0.0, f64::INFINITY);
-    let (mut residual, mut peak, mut allocated) = (0.0_f64, 0.0_f64, 0);
+    let (mut times, mut on_device) = (Vec::new(), Vec::new());
+    let (mut iterations, mut fastest) = (0.0, f64::INFINITY);
+    let (mut residual, mut peak, mut allocated, mut bytes) = (0.0_f64, 0.0_f64, 0, 0);
+    let mut bytes_before = 0;
     for step in 0..steps {
         let deep = DEPTH * width * ((step + 1) as f64 * dt / PRESS_S).min(1.0);
         let at = Vec3::new(0.5 * width, 0.5 * width, width + radius - deep);
@@ -67,11 +69,15 @@ pub fn run(options: &Options, cells: usize, dt: f64) -> Result<Figure> {
         sim.step()?;
         let statistics = sim.statistics();
         // The first steps reserve what later ones use.
-        if step > steps / 2 {
+        if step <= steps / 2 {
+            bytes_before = statistics.copied.to_device;
+        } else {
             allocated += allocations::count() - before;
             times.push(statistics.step_wall_s * 1e6);
+            on_device.push(statistics.step_device_s * 1e6);
             iterations += f64::from(statistics.cg_iterations);
             fastest = fastest.min(statistics.step_wall_s * 1e6 / f64::from(statistics.cg_iterations.max(1)));
+            bytes = statistics.copied.to_device;
         }
         residual = residual.max(statistics.true_residual);
         peak = peak.max(tool.force().wrench.force_n.norm());
@@ -88,12 +94,14 @@ pub fn run(options: &Options, cells: usize, dt: f64) -> Result<Figure> {
         contrast: options.contrast,
         cell_m: CELL_M,
         us_per_step,
+        device_us_per_step: quantile(&mut on_device, 0.5),
         p99_us: quantile(&mut times, 0.99),
         steps_per_s: 1e6 / us_per_step,
         rtf: dt * 1e6 / us_per_step,
         cg_iterations: iterations / count as f64,
         us_per_iteration: fastest,
         true_residual: residual,
+        bytes_uploaded: (bytes - bytes_before) / count as u64,
         allocations: allocated,
         max_force_n: peak,
         contact_points: sim.statistics().contact_points,

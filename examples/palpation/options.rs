@@ -102,7 +102,7 @@ pub enum ToolKind {
 pub enum ModelKind {
     /// A lattice of springs, by explicit substeps
     Lattice,
-    /// The meshless model, by implicit steps; on the processor
+    /// The meshless model, by implicit steps
     Efg,
 }
 

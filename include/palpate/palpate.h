@@ -91,7 +91,7 @@
 /// A simulation runs on the processor, which does all that the library can do.
 #define PLP_BACKEND_CPU 0
 
-/// A simulation runs on an NVIDIA GPU, in single precision, or is not created.
+/// A simulation runs on an NVIDIA GPU, the lattice in single precision, or is not created.
 #define PLP_BACKEND_CUDA 1
 
 /// A simulation runs on the first NVIDIA GPU that can run it, otherwise on the processor; plp_sim_get_place says why.
@@ -219,7 +219,7 @@
 /// The calibrated lattice of springs computes the tissue, by explicit substeps.
 #define PLP_METHOD_LATTICE 0
 
-/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps. On the processor alone as yet.
+/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps.
 #define PLP_METHOD_EFG 1
 
 /// Hooke's law in axes that turn with each cell.

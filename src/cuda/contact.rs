@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use super::kernels::Kernels;
+use super::kernels::{Kernels, SurfaceKernels};
 use super::layout::{
     self, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, Step, ToolSum,
     count, point,
@@ -48,6 +48,8 @@ const PUSH_LIMIT: f64 = 0.25;
 struct List {
     divides: bool,
     zones: Vec<Zone>,
+    /// How far from tools points were looked at then, in m, beyond those that they meet.
+    reach: f64,
     /// How much of the room is left, in m; [`NEVER`] where it is good for nothing.
     spare: f64,
 }
@@ -75,8 +77,9 @@ impl Zone {
 }
 
 impl List {
-    /// Whether the list holds all that tools can meet on ways on which tissue may come `way` to meet them.
-    fn serves(&self, tools: &[ToolStep], divides: bool, way: f64) -> bool {
+    /// Whether the list holds all that comes as near to tools as `reach` on ways on which tissue may come `way` to meet them.
+    fn serves(&self, tools: &[ToolStep], divides: bool, way: f64, reach: f64) -> bool {
+        let way = way + reach - self.reach;
         // A comparison with NaN is false.
         self.divides == divides
             && self.zones.len() == tools.len()
@@ -179,7 +182,7 @@ impl ContactSurface {
             longest_edge: edges.of_triangles.iter().copied().fold(0.0, f32::max),
             lever,
             row_reach,
-            list: List { divides: false, zones: Vec::with_capacity(MAX_TOOLS), spare: NEVER },
+            list: List { divides: false, zones: Vec::with_capacity(MAX_TOOLS), reach: 0.0, spare: NEVER },
             vertices: vertices as u32,
             triangles: surface.triangles.len() as u32,
             rest: Buffer::of(stream, &rest)?,
@@ -223,6 +226,31 @@ impl ContactSurface {
 
     /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know.
     pub fn prepare(&mut self, tools: &[ToolStep], substeps: u32, way: f64, step: &mut Step) -> Result<Plan> {
+        let (moves, divides, reach) = self.note(tools, substeps, step)?;
+        let jump = way / f64::from(substeps);
+        step.may_jump = tools.iter().any(|tool| jump > JUMP * tool.desc.feature_m()).into();
+        // Tissue that a tool pushes moves no faster than the tool.
+        let way = self.lever * (way + reach);
+        let lists = self.keep_up(tools, divides, substeps, [way, 0.0], step);
+        Ok(Plan { tools: tools.len() as u32, moves, divides, lists })
+    }
+
+    /// What contact will do in an implicit step, which looks for points as near to tools as `reach` before any node moves: nodes went no further than `way` in
+    /// the last one, in m. Fills in what the device needs to know.
+    pub fn prepare_ahead(
+        &mut self,
+        tools: &[ToolStep],
+        way: f64,
+        reach: f64,
+        step: &mut Step,
+    ) -> Result<Plan> {
+        let (moves, divides, _) = self.note(tools, 1, step)?;
+        let lists = self.keep_up(tools, divides, 1, [self.lever * way, reach], step);
+        Ok(Plan { tools: tools.len() as u32, moves, divides, lists })
+    }
+
+    /// Fills in what the device needs to know of tools: how many moves they make in a substep, whether long triangles are divided, and how far any tool goes.
+    fn note(&mut self, tools: &[ToolStep], substeps: u32, step: &mut Step) -> Result<(u32, bool, f64)> {
         let (mut moves, mut divides, mut reach) = (1.0_f64, false, 0.0_f64);
         self.parts_of_step.clear();
         for (tool, record) in tools.iter().zip(&mut step.tools) {
@@ -241,36 +269,30 @@ impl ContactSurface {
         }
         step.tool_count = tools.len() as u32;
         step.push_limit = (PUSH_LIMIT * self.model.lattice().cell_m()) as f32;
-        let jump = way / f64::from(substeps);
-        step.may_jump = tools.iter().any(|tool| jump > JUMP * tool.desc.feature_m()).into();
-
-        // Tissue that a tool pushes moves no faster than the tool.
-        let way = self.lever * (way + reach);
-        let lists = self.keep_up(tools, divides, substeps, way, step);
-        Ok(Plan { tools: tools.len() as u32, moves: moves.min(MAX_MOVES) as u32, divides, lists })
+        Ok((moves.min(MAX_MOVES) as u32, divides, reach))
     }
 
-    /// How often sites are to be listed in a step in which tissue may come `way` to meet tools.
+    /// How often sites are to be listed in a step in which tissue may come `way` to meet what is as near to tools as `reach`.
     fn keep_up(
         &mut self,
         tools: &[ToolStep],
         divides: bool,
         substeps: u32,
-        way: f64,
+        [way, reach]: [f64; 2],
         step: &mut Step,
     ) -> u32 {
         if tools.is_empty() {
             self.list.spare = NEVER;
             return 0;
         }
-        if self.list.serves(tools, divides, way) {
+        if self.list.serves(tools, divides, way, reach) {
             self.list.spare -= way;
             return 0;
         }
         let cell = self.model.lattice().cell_m();
         let lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
-        step.margin = (way / f64::from(lists) + ROOM * cell) as f32;
-        self.list.divides = divides;
+        step.margin = (way / f64::from(lists) + reach + ROOM * cell) as f32;
+        (self.list.divides, self.list.reach) = (divides, reach);
         self.list.zones.clear();
         self.list.zones.extend(tools.iter().map(Zone::of));
         // One that is made within a step is that of its last part.
@@ -283,7 +305,8 @@ impl ContactSurface {
         self.list.spare = NEVER;
     }
 
-    fn contact(&self, plan: Plan) -> layout::Contact {
+    /// What the device works on.
+    pub fn on_device(&self, plan: Plan) -> layout::Contact {
         let edge = if plan.divides { f64::from(self.longest_edge) } else { 0.0 };
         layout::Contact {
             vertices: self.vertices,
@@ -334,7 +357,7 @@ impl ContactSurface {
     /// `pass` is that of the substep, and outlives the work.
     pub unsafe fn list(
         &self,
-        kernels: &Kernels,
+        kernels: &SurfaceKernels,
         stream: &Stream,
         pass: &mut Pass,
         plan: Plan,
@@ -345,7 +368,7 @@ impl ContactSurface {
         if plan.lists == 0 || !begins {
             return Ok(false);
         }
-        let mut contact = self.contact(plan);
+        let mut contact = self.on_device(plan);
         let elements = if plan.divides { self.triangles } else { self.vertices };
         let launch = [
             (kernels.contact_near, elements.div_ceil(NEAR_THREADS).max(1), NEAR_THREADS),
@@ -376,7 +399,7 @@ impl ContactSurface {
         plan: Plan,
         substeps: u32,
     ) -> Result<()> {
-        let mut contact = self.contact(plan);
+        let mut contact = self.on_device(plan);
         let begin = pass.substep - 1;
         let fraction =
             |step: u32| (f64::from(begin) + f64::from(step) / f64::from(plan.moves)) / f64::from(substeps);
@@ -458,7 +481,12 @@ mod tests {
                 to: Pose::new(Vec3::new(to, 0.0, 0.0), Vec3::new(0.0, turn, 0.0)),
             },
         };
-        let list = |spare: f64| List { divides: false, zones: vec![Zone::of(&tool(0.0, 0.003, 0.0))], spare };
+        let list = |spare: f64| List {
+            divides: false,
+            zones: vec![Zone::of(&tool(0.0, 0.003, 0.0))],
+            reach: 0.004,
+            spare,
+        };
         // On the listed way, as far beyond either of its ends as there is room, and turned as far.
         for (from, to, turn, used) in [
             (0.0, 0.003, 0.0, 0.0),
@@ -468,14 +496,18 @@ mod tests {
             (0.003, 0.003, 0.5, 0.002),
         ] {
             let tools = [tool(from, to, turn)];
-            assert!(list(used + 0.001 + 1e-9).serves(&tools, false, 0.001), "{from} to {to}");
-            assert!(!list(used + 0.001 - 1e-9).serves(&tools, false, 0.001), "{from} to {to}");
+            // What is looked at further from tools takes room as well.
+            for (way, reach) in [(0.001, 0.004), (0.0, 0.005), (0.002, 0.003)] {
+                assert!(list(used + 0.001 + 1e-9).serves(&tools, false, way, reach), "{from} to {to}");
+                assert!(!list(used + 0.001 - 1e-9).serves(&tools, false, way, reach), "{from} to {to}");
+            }
         }
         let tools = [tool(0.0, 0.003, 0.0), tool(0.0, 0.003, 0.0)];
-        assert!(!list(1.0).serves(&tools, false, 0.0), "another tool");
-        assert!(!list(1.0).serves(&tools[..1], true, 0.0), "sites elsewhere");
+        assert!(!list(1.0).serves(&tools, false, 0.0, 0.004), "another tool");
+        assert!(!list(1.0).serves(&tools[..1], true, 0.0, 0.004), "sites elsewhere");
         assert!(
-            !list(NEVER).serves(&tools[..1], false, 0.0) && !list(1.0).serves(&tools[..1], false, f64::NAN)
+            !list(NEVER).serves(&tools[..1], false, 0.0, 0.004)
+                && !list(1.0).serves(&tools[..1], false, f64::NAN, 0.004)
         );
     }
 }

@@ -15,6 +15,8 @@ const OLDEST: (u32, u32) = (7, 5);
 /// Attributes of a device, by their numbers in cuda.h.
 const MAJOR: c_int = 75;
 const MINOR: c_int = 76;
+const PROCESSORS: c_int = 16;
+const SHARED_BYTES: c_int = 97;
 
 /// How many GPUs the driver finds: at least one, or [`Error::NoDevice`] with the reason. From any thread.
 pub fn count() -> Result<u32> {
@@ -136,6 +138,13 @@ impl Device {
     /// What the driver says about it.
     pub fn info(&self) -> &DeviceInfo {
         &self.info
+    }
+
+    /// How many processors it has, and how many bytes of its own memory each has for one block.
+    pub(super) fn processors(&self) -> Result<[u32; 2]> {
+        let [count, bytes] =
+            [PROCESSORS, SHARED_BYTES].map(|number| attribute(self.driver, self.handle, number));
+        Ok([count?, bytes?])
     }
 
     /// Its name.

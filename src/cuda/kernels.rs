@@ -12,7 +12,9 @@ use cudarc::driver::sys::{
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
-use crate::error::Result;
+use super::layout::efg_shared_bytes;
+use crate::error::{Error, Result};
+use crate::model::lattice::BRICK_SLOTS;
 
 /// One source file of `kernels/`, compiled twice.
 struct Image {
@@ -38,12 +40,15 @@ const CONTACT: Image = image!("contact");
 const SURFACE: Image = image!("surface");
 const OUTSIDE: Image = image!("outside");
 const REPORT: Image = image!("report");
+const EFG: Image = image!("efg");
 
 /// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
 const READS_FATBIN: i32 = 13_000;
 
 /// CU_FUNC_ATTRIBUTE_PTX_VERSION: ten times the compute capability that a function was compiled for.
 const COMPILED_FOR: i32 = 5;
+/// CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES.
+const MOST_SHARED: i32 = 8;
 /// From this one on, kernels wait for each other themselves where they may overlap; see `kernels/block.cuh`.
 const WAITING: i32 = 90;
 
@@ -111,7 +116,19 @@ impl Module {
         let status =
             unsafe { (self.device.driver.func_set_attribute)(handle, SHARED_CARVEOUT, SHARED_PERCENT) };
         self.device.driver.check(status, "dividing a processor's memory")?;
-        Ok(Kernel { function: handle, overlaps: false })
+        Ok(Kernel { function: handle, overlaps: false, is_together: false, shared_bytes: 0 })
+    }
+
+    /// A kernel whose blocks are all at work at the same time, each with so many bytes to share.
+    fn function_together(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel> {
+        let kernel = self.function(name)?;
+        let _entered = self.device.enter()?;
+        // SAFETY: an own function.
+        let status = unsafe {
+            (self.device.driver.func_set_attribute)(kernel.function, MOST_SHARED, shared_bytes as i32)
+        };
+        self.device.driver.check(status, "dividing a processor's memory")?;
+        Ok(Kernel { is_together: true, shared_bytes, ..kernel })
     }
 }
 
@@ -130,17 +147,14 @@ pub struct Kernel {
     function: CUfunction,
     /// Whether it may start before what came before it on its stream has ended: it then waits itself, see `kernels/block.cuh`.
     overlaps: bool,
+    /// Whether all its blocks are at work at the same time, so that they can wait for each other.
+    is_together: bool,
+    shared_bytes: u32,
 }
 
-/// All kernels of a simulation.
+/// What knows no model: which sites tools may meet, and surfaces that are shown.
 #[derive(Debug)]
-pub struct Kernels {
-    /// One substep, of all bricks and of those that are awake.
-    pub substep: Kernel,
-    pub substep_awake: Kernel,
-    /// Who sleeps, and the list of those who do not.
-    pub doze: Kernel,
-    pub muster: Kernel,
+pub struct SurfaceKernels {
     /// Marks what tools may meet.
     pub contact_near: Kernel,
     /// Lists it.
@@ -151,6 +165,43 @@ pub struct Kernels {
     pub contact_carry: Kernel,
     /// Finds what sites have to do with each other.
     pub contact_couple: Kernel,
+    /// Moves a surface's vertices.
+    pub surface_positions: Kernel,
+    /// And its normals.
+    pub surface_normals: Kernel,
+    _modules: [Module; 2],
+}
+
+// SAFETY: functions and modules may be used from any thread that has entered the context.
+unsafe impl Send for SurfaceKernels {}
+
+/// All kernels of the meshless model.
+#[derive(Debug)]
+pub struct EfgKernels {
+    /// What knows no model.
+    pub surfaces: SurfaceKernels,
+    /// One implicit step.
+    pub step: Kernel,
+    /// Its blocks and their threads.
+    pub blocks: u32,
+    pub threads: u32,
+    _module: Module,
+}
+
+// SAFETY: functions and modules may be used from any thread that has entered the context.
+unsafe impl Send for EfgKernels {}
+
+/// All kernels of the lattice.
+#[derive(Debug)]
+pub struct Kernels {
+    /// What knows no model.
+    pub surfaces: SurfaceKernels,
+    /// One substep, of all bricks and of those that are awake.
+    pub substep: Kernel,
+    pub substep_awake: Kernel,
+    /// Who sleeps, and the list of those who do not.
+    pub doze: Kernel,
+    pub muster: Kernel,
     /// Pushes the tissue out of the tools.
     pub contact: Kernel,
     /// Pushes what is loaded, and drives rigid regions.
@@ -159,13 +210,9 @@ pub struct Kernels {
     /// Whether velocities shall be cleared, and clears them.
     pub judge: Kernel,
     pub halt: Kernel,
-    /// Moves a surface's vertices.
-    pub surface_positions: Kernel,
-    /// And its normals.
-    pub surface_normals: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 7],
+    _modules: [Module; 5],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -180,9 +227,8 @@ impl Kernels {
     /// Loads what a driver of a CUDA version takes.
     fn load_as(version: i32, device: &Arc<Device>, volumetric: bool, damped: bool) -> Result<Self> {
         let module = |image: Image| Module::load(device, &image.of_version(version));
-        let (lattice, sleep) = (module(LATTICE)?, module(SLEEP)?);
-        let (near, contact) = (module(NEAR)?, module(CONTACT)?);
-        let (outside, surface, report) = (module(OUTSIDE)?, module(SURFACE)?, module(REPORT)?);
+        let (lattice, sleep, contact) = (module(LATTICE)?, module(SLEEP)?, module(CONTACT)?);
+        let (outside, report) = (module(OUTSIDE)?, module(REPORT)?);
         let [substep, substep_awake] = match (volumetric, damped) {
             (false, false) => [c"lattice_plain", c"lattice_plain_awake"],
             (true, false) => [c"lattice_volume", c"lattice_volume_awake"],
@@ -194,20 +240,71 @@ impl Kernels {
             substep_awake: lattice.overlapping_function(substep_awake)?,
             doze: sleep.function(c"doze")?,
             muster: sleep.function(c"muster")?,
-            contact_near: near.function(c"contact_near")?,
-            contact_list: near.function(c"contact_list")?,
-            contact_sites: near.function(c"contact_sites")?,
-            contact_carry: near.function(c"contact_carry")?,
-            contact_couple: near.function(c"contact_couple")?,
             contact: contact.overlapping_function(c"contact")?,
             push: outside.function(c"push")?,
             drive: outside.function(c"drive")?,
             judge: outside.function(c"judge")?,
             halt: outside.function(c"halt")?,
+            report: report.function(c"report")?,
+            surfaces: SurfaceKernels::load(version, device)?,
+            _modules: [lattice, sleep, contact, outside, report],
+        })
+    }
+}
+
+impl SurfaceKernels {
+    fn load(version: i32, device: &Arc<Device>) -> Result<Self> {
+        let module = |image: Image| Module::load(device, &image.of_version(version));
+        let (near, surface) = (module(NEAR)?, module(SURFACE)?);
+        Ok(Self {
+            contact_near: near.function(c"contact_near")?,
+            contact_list: near.function(c"contact_list")?,
+            contact_sites: near.function(c"contact_sites")?,
+            contact_carry: near.function(c"contact_carry")?,
+            contact_couple: near.function(c"contact_couple")?,
             surface_positions: surface.function(c"surface_positions")?,
             surface_normals: surface.function(c"surface_normals")?,
-            report: report.function(c"report")?,
-            _modules: [lattice, sleep, near, contact, outside, surface, report],
+            _modules: [near, surface],
+        })
+    }
+}
+
+/// A precision in which the meshless model runs on a GPU: its kernels, of which the first that a processor has memory for is taken, and the teams of threads in
+/// their blocks.
+#[derive(Clone, Copy, Debug)]
+pub struct Precision {
+    pub number_bytes: usize,
+    pub kernels: [(&'static CStr, u32); 2],
+}
+
+/// Single and double.
+pub const SINGLE: Precision =
+    Precision { number_bytes: 4, kernels: [(c"efg_single", 6), (c"efg_single_small", 4)] };
+pub const DOUBLE: Precision =
+    Precision { number_bytes: 8, kernels: [(c"efg_double", 4), (c"efg_double_small", 2)] };
+
+impl EfgKernels {
+    /// Loads the kernels for a model of so many bricks.
+    pub fn load(device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
+        Self::load_as(device.driver.version()?, device, precision, bricks)
+    }
+
+    /// Loads what a driver of a CUDA version takes.
+    fn load_as(version: i32, device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
+        let [processors, most_bytes] = device.processors()?;
+        let bytes = |teams: u32| efg_shared_bytes(teams as usize, precision.number_bytes) as u32;
+        let (name, teams) =
+            precision.kernels.into_iter().find(|&(_, teams)| bytes(teams) <= most_bytes).ok_or_else(
+                || Error::Unsupported(format!("{} has too little memory in its processors", device.name())),
+            )?;
+        let module = Module::load(device, &EFG.of_version(version))?;
+        Ok(Self {
+            step: module.function_together(name, bytes(teams))?,
+            // One beside those that work on bricks.
+            blocks: processors.min(bricks + 1).max(2),
+            threads: teams * BRICK_SLOTS as u32,
+            surfaces: SurfaceKernels::load(version, device)?,
+            _module: module,
         })
     }
 }
@@ -235,11 +332,15 @@ impl Kernel {
         threads: u32,
         arguments: &mut [*mut c_void],
     ) -> Result<()> {
-        let mut attribute = CUlaunchAttribute {
-            id: CUlaunchAttributeID::CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION,
-            pad: [0; 4],
-            value: CUlaunchAttributeValue { programmaticStreamSerializationAllowed: 1 },
+        let (id, value) = if self.is_together {
+            (CUlaunchAttributeID::CU_LAUNCH_ATTRIBUTE_COOPERATIVE, CUlaunchAttributeValue { cooperative: 1 })
+        } else {
+            (
+                CUlaunchAttributeID::CU_LAUNCH_ATTRIBUTE_PROGRAMMATIC_STREAM_SERIALIZATION,
+                CUlaunchAttributeValue { programmaticStreamSerializationAllowed: 1 },
+            )
         };
+        let mut attribute = CUlaunchAttribute { id, pad: [0; 4], value };
         let config = CUlaunchConfig {
             gridDimX: blocks,
             gridDimY: 1,
@@ -247,10 +348,10 @@ impl Kernel {
             blockDimX: threads,
             blockDimY: 1,
             blockDimZ: 1,
-            sharedMemBytes: 0,
+            sharedMemBytes: self.shared_bytes,
             hStream: stream,
             attrs: &mut attribute,
-            numAttrs: self.overlaps.into(),
+            numAttrs: (self.overlaps || self.is_together).into(),
         };
         // SAFETY: as promised.
         let status = unsafe {
@@ -269,7 +370,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 7] = [LATTICE, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT];
+    const IMAGES: [Image; 8] = [LATTICE, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT, EFG];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 
@@ -338,6 +439,9 @@ mod tests {
         for version in [OLDER, READS_FATBIN] {
             for (volumetric, damped) in [(false, false), (true, false), (false, true), (true, true)] {
                 Kernels::load_as(version, &device, volumetric, damped).unwrap();
+            }
+            for precision in [SINGLE, DOUBLE] {
+                EfgKernels::load_as(version, &device, precision, 1).unwrap();
             }
         }
     }

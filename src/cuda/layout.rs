@@ -8,6 +8,7 @@ use std::mem::offset_of;
 use cudarc::driver::sys::CUdeviceptr;
 
 use crate::math::{Mat3, Pose, Vec3};
+use crate::model::efg::law::HOURGLASS;
 use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
 use crate::solver;
@@ -176,6 +177,8 @@ pub struct Report {
     pub vis_viva: f64,
     pub contact_points: u32,
     pub dropped_points: u32,
+    pub iterations: u32,
+    pub residual: f32,
     pub device_ns: u64,
     pub sums: [ToolSum; MAX_TOOLS],
     pub sequence: u32,
@@ -200,6 +203,8 @@ impl Default for Report {
             vis_viva: 0.0,
             contact_points: 0,
             dropped_points: 0,
+            iterations: 0,
+            residual: 0.0,
             device_ns: 0,
             sums: [ToolSum::default(); MAX_TOOLS],
             sequence: 0,
@@ -274,8 +279,8 @@ pub struct Pushed {
     pub slot: u32,
     pub start: u32,
     pub count: u32,
-    pub acceleration: [f32; 3],
-    pub mobility: [f32; 3],
+    pub force: [f64; 3],
+    pub mobility: [f64; 3],
 }
 
 /// A pressed face.
@@ -283,15 +288,14 @@ pub struct Pushed {
 #[repr(C)]
 pub struct Pressed {
     corners: [u32; 4],
-    pub diagonals: [[f32; 3]; 2],
-    pub pressure: f32,
+    pub diagonals: [[f64; 3]; 2],
+    pub pressure: f64,
 }
 
 impl Pressed {
     /// A face between corners that lie `at` rest positions, counter-clockwise seen from outside.
     pub fn of(corners: [u32; 4], at: [Vec3; 4], pressure: f64) -> Self {
-        let diagonals = [at[2] - at[0], at[3] - at[1]].map(|d| d.map(|x| x as f32).into());
-        Self { corners, diagonals, pressure: pressure as f32 }
+        Self { corners, diagonals: [at[2] - at[0], at[3] - at[1]].map(Into::into), pressure }
     }
 }
 
@@ -308,7 +312,7 @@ pub struct Push {
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Driven {
-    rest: [f32; 3],
+    rest: [f64; 3],
     slot: u32,
     region: u32,
 }
@@ -316,7 +320,7 @@ pub struct Driven {
 impl Driven {
     /// The node in a slot, and its region's place.
     pub fn of(slot: u32, rest: Vec3, region: u32) -> Self {
-        Self { rest: rest.map(|x| x as f32).into(), slot, region }
+        Self { rest: rest.into(), slot, region }
     }
 }
 
@@ -324,8 +328,8 @@ impl Driven {
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C)]
 pub struct Motion {
-    turn: [f32; 9],
-    way: [f32; 3],
+    turn: [f64; 9],
+    way: [f64; 3],
 }
 
 impl Motion {
@@ -333,10 +337,7 @@ impl Motion {
     pub fn of(pose: &Pose) -> Self {
         // Rounded after the difference: a small turn stays as precise as it is.
         let turn = pose.rotation.to_rotation_matrix().into_inner() - Mat3::identity();
-        Self {
-            turn: std::array::from_fn(|i| turn[(i / 3, i % 3)] as f32),
-            way: pose.translation.vector.map(|x| x as f32).into(),
-        }
+        Self { turn: std::array::from_fn(|i| turn[(i / 3, i % 3)]), way: pose.translation.vector.into() }
     }
 }
 
@@ -466,4 +467,106 @@ pub struct Surface {
     pub positions: CUdeviceptr,
     pub normals: CUdeviceptr,
     pub scalars: CUdeviceptr,
+}
+
+/// What meshless cells of one material resist by: μ, λ and the stiffness of an hourglass.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct EfgLaw {
+    forces: [f64; 3],
+    changes: [f64; 3],
+}
+
+impl EfgLaw {
+    /// Of cells of edge length `h`; `factor` is what a step makes of them.
+    pub fn of(law: &CellLaw, h: f64, factor: f64) -> Self {
+        let forces = [law.shear_pa, law.lambda_pa, HOURGLASS * law.shear_pa * h];
+        Self { forces, changes: forces.map(|modulus| modulus * factor) }
+    }
+}
+
+/// What is new in each implicit step. Model frame, SI units. The device reads as many tools as there are.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct EfgStep {
+    pub dt: f64,
+    pub inertia: f64,
+    pub gravity: [f64; 3],
+    pub tolerance: f64,
+    pub furthest: f64,
+    pub wall: f64,
+    pub from: f32,
+    pub to: f32,
+    pub reach: f32,
+    pub max_iterations: u32,
+    pub elasticity: u32,
+    pub is_paper: u32,
+    pub only_forces: u32,
+    pub substep: u32,
+    pub arrived: u32,
+    pub step: Step,
+}
+
+impl EfgStep {
+    /// Those that a step with so many tools needs.
+    pub fn bytes(tools: usize) -> usize {
+        offset_of!(Self, step) + Step::bytes(tools)
+    }
+}
+
+/// How many numbers of each node a field has.
+pub mod numbers {
+    pub const VECTOR: usize = 3;
+    pub const BLOCK: usize = 6;
+    pub const ROTATION: usize = 4;
+    pub const FRAME: usize = 9;
+}
+
+/// How many numbers contact keeps of each of its points.
+pub const PRESS_FIELDS: usize = 12;
+/// Most numbers that blocks sum up at once.
+pub const GRID_NUMBERS: usize = 4;
+
+/// Bytes that a block of the step's kernel shares, with so many teams and numbers of so many bytes.
+pub const fn efg_shared_bytes(teams: usize, number: usize) -> usize {
+    GRID_NUMBERS * 33 * 8 + (96 + 3780 * teams) * number
+}
+
+/// The meshless state and its system.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Efg {
+    pub bricks: u32,
+    pub starts: u32,
+    pub cell: f64,
+    pub step: CUdeviceptr,
+    pub laws: CUdeviceptr,
+    pub neighbours: CUdeviceptr,
+    pub flags: CUdeviceptr,
+    pub cells: CUdeviceptr,
+    pub shown: CUdeviceptr,
+    pub mass: CUdeviceptr,
+    pub heavy: CUdeviceptr,
+    pub inverse: CUdeviceptr,
+    pub rotations: CUdeviceptr,
+    pub frames: CUdeviceptr,
+    pub u: CUdeviceptr,
+    pub v: CUdeviceptr,
+    pub x: CUdeviceptr,
+    pub b: CUdeviceptr,
+    pub r: CUdeviceptr,
+    pub z: CUdeviceptr,
+    pub p: CUdeviceptr,
+    pub w: CUdeviceptr,
+    pub s: CUdeviceptr,
+    pub ax: CUdeviceptr,
+    pub touched: CUdeviceptr,
+    pub shares: CUdeviceptr,
+    pub press: CUdeviceptr,
+    pub partials: CUdeviceptr,
+    pub seen: CUdeviceptr,
+    pub is_settled: CUdeviceptr,
+    pub near_tools: CUdeviceptr,
+    pub started: CUdeviceptr,
+    pub report: CUdeviceptr,
 }

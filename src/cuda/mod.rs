@@ -7,6 +7,7 @@ mod body;
 mod contact;
 pub mod device;
 mod driver;
+pub mod efg;
 mod graph;
 mod kernels;
 mod layout;
@@ -16,6 +17,7 @@ mod outside;
 mod sleep;
 pub mod solver;
 mod surface;
+mod told;
 #[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names
 mod twins;
 

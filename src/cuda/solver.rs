@@ -6,7 +6,6 @@
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::sync::atomic::{Ordering, fence};
 
 use super::body::Body;
 use super::contact::{ContactSurface, Plan};
@@ -20,6 +19,7 @@ use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
 use super::surface::SurfaceOnDevice;
+use super::told::Told;
 use crate::cpu::stability;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -36,8 +36,6 @@ use crate::trace;
 const PROBE: f64 = 1e-3;
 /// Most recorded steps that are kept.
 const MAX_GRAPHS: usize = 32;
-/// Looks at the report between two looks at whether the device still works.
-const PATIENCE: u32 = 1000;
 /// From so many blocks on bricks near tools advance before the others, so that contact is at work while these advance: with fewer, one more kernel
 /// takes longer than it saves. See docs/gpu.md.
 const APART_BLOCKS: u32 = 600;
@@ -53,7 +51,7 @@ pub struct CudaSolver {
     body: Body,
     state: State,
     step: Pinned<Step>,
-    report: Pinned<Report>,
+    report: Told,
     contact: ContactSurface,
     outside: Outside,
     near: NearTools,
@@ -205,7 +203,7 @@ impl CudaSolver {
         let mut solver = Self {
             state: State::new(model, &stream)?,
             step: Pinned::new(&stream)?,
-            report: Pinned::new(&stream)?,
+            report: Told::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
             outside: Outside::new(model, &stream)?,
             near: NearTools::new(model.lattice().bricks().len(), &stream)?,
@@ -297,7 +295,8 @@ impl CudaSolver {
                 let look = sleep.look(substep, substeps);
                 let mark = outside.settles || substep == substeps || look.is_some();
                 let mut pass = self.pass(start, substep, mark);
-                let lists = self.contact.list(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                let lists =
+                    self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, substeps)?;
                 let sleepers = self.sleep.on_device();
                 let (kernel, blocks) = match sleep {
                     sleep::Plan::Listed { blocks, .. } => {
@@ -365,30 +364,6 @@ impl CudaSolver {
         }
     }
 
-    /// Waits for the report of the step with a number.
-    fn wait_for(&self, sequence: u32) -> Result<Report> {
-        let _range = trace::range(c"wait");
-        let report = self.report.host();
-        let mut looks = 0;
-        // SAFETY: the record lives as long as the solver; the device writes `sequence` last.
-        while unsafe { (&raw const (*report).sequence).read_volatile() } != sequence {
-            looks += 1;
-            if looks % PATIENCE == 0 {
-                let _entered = self.stream.device.enter()?;
-                let is_done = self.stream.device.driver.is_done(self.stream.handle)?;
-                // SAFETY: as above.
-                if is_done && unsafe { (&raw const (*report).sequence).read_volatile() } != sequence {
-                    return Err(Error::Device("a step ended without its report".into()));
-                }
-            }
-            std::hint::spin_loop();
-        }
-        // Acquire: what the device wrote before the number is read after it.
-        fence(Ordering::Acquire);
-        // SAFETY: as above; the device writes again only in the next step.
-        Ok(unsafe { report.read_volatile() })
-    }
-
     fn next_sequence(&mut self) -> u32 {
         self.sequence = self.sequence.wrapping_add(1);
         self.sequence
@@ -403,7 +378,7 @@ impl CudaSolver {
         // From rest, one second at constant acceleration leaves a velocity of that size.
         let sequence = self.next_sequence();
         self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, Plans::default())?;
-        self.wait_for(sequence)?;
+        self.report.wait(&self.stream, sequence)?;
         let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
         self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
         Ok(a)
@@ -464,7 +439,13 @@ impl CudaSolver {
             self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
         }
         let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(&self.kernels, &self.stream, &self.pass(self.state.current, 1, false), field, arrays)
+        surface.publish(
+            &self.kernels.surfaces,
+            &self.stream,
+            &self.pass(self.state.current, 1, false),
+            field,
+            arrays,
+        )
     }
 
     /// Materials or what is held have changed: what was made of them before is made anew.
@@ -527,7 +508,7 @@ impl Solver for CudaSolver {
         let sleep = self.sleep.prepare(may_sleep, contact.lists > 0)?;
         let start = self.state.current;
         let asked = self.ask(step, plan.substeps, Plans { contact, outside: outside.plan, sleep });
-        let report = asked.and_then(|()| self.wait_for(sequence)).inspect_err(|_| {
+        let report = asked.and_then(|()| self.report.wait(&self.stream, sequence)).inspect_err(|_| {
             // Nobody knows whether sites were listed.
             self.contact.lose_track();
         })?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::kernels::Kernels;
+use super::kernels::SurfaceKernels;
 use super::layout::{self, Pass};
 use super::memory::{Buffer, Stream};
 use super::pointer;
@@ -80,7 +80,7 @@ impl SurfaceOnDevice {
     /// Moves the surface with the nodes of `pass` and fetches its arrays.
     pub fn publish(
         &self,
-        kernels: &Kernels,
+        kernels: &SurfaceKernels,
         stream: &Stream,
         pass: &Pass,
         field: SurfaceField,

@@ -7,11 +7,12 @@ use super::{MAX_THREADS, Precision, SimDesc};
 use crate::cpu::efg::solver::EfgSolver;
 use crate::cpu::solver::CpuSolver;
 use crate::cuda::device::Device;
+use crate::cuda::efg::solver::CudaEfgSolver;
 use crate::cuda::solver::CudaSolver;
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::solver::Solver;
-use crate::solver::method::Method;
+use crate::solver::method::{Method, Rows};
 
 /// Where a simulation shall run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -22,7 +23,7 @@ pub enum Backend {
     /// On the processor, which does all that this library can do.
     #[default]
     Cpu,
-    /// On a GPU, in single precision, or not at all.
+    /// On a GPU, the lattice in single precision, or not at all.
     Cuda {
         /// Which one; `None` takes the first that the kernels run on.
         index: Option<u32>,
@@ -73,15 +74,19 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
 }
 
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
-    if desc.method != Method::Lattice {
-        return Err(Error::Unsupported("the meshless model runs on the processor alone as yet".into()));
-    }
-    if desc.precision == Precision::Double {
+    if desc.method == Method::Lattice && desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
+    }
+    if matches!(&desc.method, Method::Efg(efg) if efg.rows == Rows::All) {
+        return Err(Error::Unsupported("rows for all cells are computed on the processor alone".into()));
     }
     let device = Device::open(index)?;
     let info = device.info().clone();
-    let solver = Box::new(CudaSolver::new(model, device)?);
+    let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
+        (Method::Lattice, _) => Box::new(CudaSolver::new(model, device)?),
+        (Method::Efg(efg), Precision::Single) => Box::new(CudaEfgSolver::<f32>::new(model, efg, device)?),
+        (Method::Efg(efg), Precision::Double) => Box::new(CudaEfgSolver::<f64>::new(model, efg, device)?),
+    };
     let backend = Backend::Cuda { index: Some(info.index) };
     Ok((solver, Place { backend, device: info.name, fallback: None }))
 }

@@ -49,6 +49,24 @@ pub enum Scheme {
     Paper,
 }
 
+impl Scheme {
+    /// What a step of `dt` makes of stiffness: dt² + β dt. The paper's scheme has no damping.
+    pub fn stiffness(self, dt: f64, damping_s: f64) -> f64 {
+        match self {
+            Self::BackwardEuler => dt * (dt + damping_s),
+            Self::Paper => dt * dt,
+        }
+    }
+
+    /// What a step of `dt` makes of mass: 1 + α dt. The paper's scheme has no drag.
+    pub fn inertia(self, dt: f64, drag_per_s: f64) -> f64 {
+        match self {
+            Self::BackwardEuler => 1.0 + drag_per_s * dt,
+            Self::Paper => 1.0,
+        }
+    }
+}
+
 impl Default for EfgDesc {
     fn default() -> Self {
         Self {

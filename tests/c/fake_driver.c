@@ -33,7 +33,8 @@ typedef struct {
     float measures[4];
     uint32_t awake[3];
     double vis_viva;
-    uint32_t counts[2];
+    uint32_t counts[3];
+    float residual;
     uint64_t device_ns;
     double sums[64][7];
     uint32_t sequence;

@@ -1,6 +1,7 @@
 // Answers for the kernels' laws: with a law's name, reads the numbers that it takes, one set after another, and writes what it makes of each. Without a
 // name, lists the laws.
 #include "contact.cuh"
+#include "efg.cuh"
 
 #include <stdint.h>
 #include <stdio.h>
@@ -27,6 +28,24 @@ struct In {
 template <typename T>
 void give(const T& value) {
     fwrite(&value, sizeof value, 1, stdout);
+}
+
+// Laws that are templates compute in double precision.
+template <typename T>
+T wide(In& in) {
+    static_assert(sizeof(T) % sizeof(double) == 0);
+    double numbers[sizeof(T) / sizeof(double)];
+    for (double& number : numbers) number = in.number();
+    T value;
+    memcpy(&value, numbers, sizeof value);
+    return value;
+}
+Matrix<double> matrix(In& in) { return wide<Matrix<double>>(in); }
+template <typename T>
+void give_wide(const T& value) {
+    double numbers[sizeof(T) / sizeof(double)];
+    memcpy(numbers, &value, sizeof value);
+    for (double number : numbers) give(float(number));
 }
 
 struct Law {
@@ -94,6 +113,51 @@ const Law LAWS[] = {
          const Vec start = in.vec(), end = in.vec();
          give_nearest(meet(tool.parts, PARTS, start, end, in.number()));
      }},
+    {"float larger", [](In& in) { const float a = in.number(); give(larger(a, in.number())); }},
+    {"double larger", [](In& in) { const double a = in.number(); give_wide(larger(a, double(in.number()))); }},
+    {"float root", [](In& in) { give(root(in.number())); }},
+    {"double root", [](In& in) { give_wide(root(double(in.number()))); }},
+    {"Matrix<R> product", [](In& in) { const auto a = matrix(in); give_wide(product(a, matrix(in))); }},
+    {"Matrix<R> transposed_product", [](In& in) { const auto a = matrix(in); give_wide(transposed_product(a, matrix(in))); }},
+    {"Matrix<R> hooke", [](In& in) { const auto e = matrix(in); const double mu = in.number(); give_wide(hooke(e, mu, double(in.number()))); }},
+    {"Matrix<R> stress_change",
+     [](In& in) {
+         const auto a = matrix(in), dg = matrix(in);
+         const double mu = in.number();
+         give_wide(stress_change(a, dg, mu, double(in.number())));
+     }},
+    {"Matrix<R> deformation", [](In& in) { give_wide(deformation(matrix(in))); }},
+    {"Matrix<R> corotated_strain", [](In& in) { const auto r = matrix(in); give_wide(corotated_strain(r, matrix(in))); }},
+    {"Matrix<R> corotated_stress",
+     [](In& in) {
+         const auto r = matrix(in), g = matrix(in);
+         const double mu = in.number();
+         give_wide(corotated_stress(r, g, mu, double(in.number())));
+     }},
+    {"Matrix<R> green_strain", [](In& in) { give_wide(green_strain(matrix(in))); }},
+    {"Matrix<R> rotation_matrix", [](In& in) { give_wide(rotation_matrix(wide<Rotation<double>>(in))); }},
+    {"Rotation<R> turn_towards", [](In& in) { const auto q = wide<Rotation<double>>(in); give_wide(turn_towards(q, matrix(in))); }},
+    {"Gradient<R> gradient",
+     [](In& in) {
+         struct Corners { double u[3][8]; };
+         const auto corners = wide<Corners>(in);
+         give_wide(gradient(corners.u, double(in.number())));
+     }},
+    {"Answer<R> cell_answer",
+     [](In& in) {
+         const auto seen = wide<Gradient<double>>(in);
+         const auto stress = matrix(in);
+         const double hourglass = in.number();
+         give_wide(cell_answer(seen, stress, hourglass, double(in.number())));
+     }},
+    {"Block<R> corner_block",
+     [](In& in) {
+         const auto a = matrix(in);
+         const auto by = wide<Moduli<double>>(in);
+         const double h = in.number(), sx = in.number(), sy = in.number();
+         give_wide(corner_block(a, by, h, sx, sy, double(in.number())));
+     }},
+    {"Block<R> inverted", [](In& in) { give_wide(inverted(wide<Block<double>>(in))); }},
 };
 
 int main(int count, char** arguments) {

@@ -7,7 +7,7 @@ use super::super::boundary::Output;
 
 /// A simulation runs on the processor, which does all that the library can do.
 pub const PLP_BACKEND_CPU: u32 = 0;
-/// A simulation runs on an NVIDIA GPU, in single precision, or is not created.
+/// A simulation runs on an NVIDIA GPU, the lattice in single precision, or is not created.
 pub const PLP_BACKEND_CUDA: u32 = 1;
 /// A simulation runs on the first NVIDIA GPU that can run it, otherwise on the processor; plp_sim_get_place says why.
 /// This is decided once, by plp_sim_create.

@@ -14,7 +14,7 @@ pub const PLP_PRECISION_DOUBLE: u32 = 1;
 
 /// The calibrated lattice of springs computes the tissue, by explicit substeps.
 pub const PLP_METHOD_LATTICE: u32 = 0;
-/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps. On the processor alone as yet.
+/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps.
 pub const PLP_METHOD_EFG: u32 = 1;
 
 /// Hooke's law in axes that turn with each cell.

@@ -29,6 +29,17 @@ pub struct Found<'a> {
     pub carried: &'a [(u32, f64)],
 }
 
+/// How far from tools points are looked at whoever moves, in m: tools go the fraction `span` of their ways, tissue `way`, and cells have edges of `h`. Tissue that
+/// was pressed follows a tool that leaves it.
+pub fn reach(tools: &[ToolStep], span: [f64; 2], way: f64, h: f64) -> f64 {
+    let furthest = tools.iter().map(|tool| way_of(tool, span)).fold(0.0, f64::max);
+    2.0 * (furthest + way.min(h)) + NEAR * h
+}
+
+fn way_of(tool: &ToolStep, span: [f64; 2]) -> f64 {
+    tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0])
+}
+
 impl Found<'_> {
     /// Whether it can be moved, and probably has to be.
     pub fn is_touched(&self) -> bool {
@@ -52,11 +63,8 @@ impl ContactSurface {
             return;
         }
         self.near.travel(nodes.furthest);
-        let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
-        let follow = tools.iter().any(|tool| way(tool) > 0.5 * tool.desc.feature_m());
-        // Tissue that was pressed follows a tool that leaves it.
-        let (h, furthest) = (self.model.lattice().cell_m(), tools.iter().map(way).fold(0.0, f64::max));
-        let reach = 2.0 * (furthest + (nodes.fastest * nodes.dt).min(h)) + NEAR * h;
+        let follow = tools.iter().any(|tool| way_of(tool, span) > 0.5 * tool.desc.feature_m());
+        let reach = reach(tools, span, nodes.fastest * nodes.dt, self.model.lattice().cell_m());
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         self.near.keep_up(surface, tools, nodes.u, reach, moved);
         if !self.near.triangles().is_empty() {

@@ -4,7 +4,7 @@ mod block;
 mod conjugate;
 mod gather;
 mod laws;
-mod press;
+pub(crate) mod press;
 pub mod route;
 mod rows;
 pub mod solver;

@@ -10,12 +10,19 @@ use super::super::lanes::Real;
 use super::block::Block;
 use super::system::{Parts, System};
 use crate::math::{Mat3, Vec3};
+use crate::model::law::CellLaw;
 use crate::solver::ToolStep;
 
 /// How much stiffer a contact is than what carries it.
-pub const STIFFNESS: f64 = 50.0;
+const STIFFNESS: f64 = 50.0;
 /// Change of an impulse, as a share of the largest, that asks for another solution.
 const SETTLED: f64 = 5e-3;
+
+/// What bone resists by, in N/m, in cells of edge length `h`: it is as much stiffer than the stiffest tissue as contact is.
+pub fn wall_n_m(laws: &[CellLaw; 16], h: f64) -> f64 {
+    let stiffest = laws.iter().map(|law| law.lambda_pa + 2.0 * law.shear_pa).fold(0.0, f64::max);
+    STIFFNESS * stiffest * h
+}
 
 /// A point in contact.
 #[derive(Clone, Copy, Debug)]

@@ -11,7 +11,7 @@ use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
 use super::super::workers::{Member, Workers};
 use super::conjugate::{Budget, Reached};
-use super::press::{Press, STIFFNESS};
+use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
 use super::system::{Parts, Step, System};
 use crate::error::Result;
@@ -29,7 +29,7 @@ use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, T
 /// Bricks of a run: with fewer, cells before a run's first brick are evaluated too often; with more, threads find no work.
 const RUN: usize = 16;
 /// Steps in which tissue settles, in s.
-const SETTLING_S: f64 = 1.0;
+pub const SETTLING_S: f64 = 1.0;
 /// Most solutions of a step, each with contact as the one before answered.
 const MAX_SOLUTIONS: usize = 8;
 
@@ -203,9 +203,7 @@ impl<R: EfgReal> EfgSolver<R> {
 
     fn look_for_contact(&mut self, plan: &StepPlan, span: [f64; 2]) {
         let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
-        // Bone is as much stiffer than the stiffest tissue as contact is.
-        let stiffest = self.laws.iter().map(|law| law.lambda_pa + 2.0 * law.shear_pa).fold(0.0, f64::max);
-        let wall_n_m = STIFFNESS * stiffest * self.bricks.model.lattice().cell_m();
+        let wall_n_m = wall_n_m(&self.laws, self.bricks.model.lattice().cell_m());
         let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
             u_before: &Field(Vec::new()),

@@ -73,12 +73,9 @@ pub struct Step {
 }
 
 impl Step {
-    /// What drag makes of a mass; the paper's scheme has none.
+    /// What drag makes of a mass.
     fn inertia(&self) -> f64 {
-        match self.scheme {
-            Scheme::BackwardEuler => 1.0 + self.drag_per_s * self.dt,
-            Scheme::Paper => 1.0,
-        }
+        self.scheme.inertia(self.dt, self.drag_per_s)
     }
 }
 
@@ -214,10 +211,7 @@ impl<R: Real> System<R> {
     /// Stiffness in steps of a length.
     pub fn set_step(&mut self, bricks: &Bricks, laws: &[CellLaw; 16], dt: f64, scheme: Scheme) {
         let h = bricks.model.lattice().cell_m();
-        self.tables.changes = Moduli::new(laws, h, |law| match scheme {
-            Scheme::BackwardEuler => dt * (dt + law.damping_s),
-            Scheme::Paper => dt * dt,
-        });
+        self.tables.changes = Moduli::new(laws, h, |law| scheme.stiffness(dt, law.damping_s));
     }
 
     /// Bytes of all this.

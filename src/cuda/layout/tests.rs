@@ -32,14 +32,14 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Report {
             diverged_at, speed2, strain, swelling, shrinking, awake, vis_viva, contact_points,
-            dropped_points, device_ns, sums, sequence
+            dropped_points, iterations, residual, device_ns, sums, sequence
         }
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
             mark, share, near_tools, acted_on, near_bricks, near_counts
         }
         Sleep { bricks, speed2, acceleration2, wake2, asleep, quiet, nodes_in, awake, watched, counts }
-        Pushed { slot, start, count, acceleration, mobility }
+        Pushed { slot, start, count, force, mobility }
         Pressed { corners, diagonals, pressure }
         Push { count, nodes, faces }
         Driven { rest, slot, region }
@@ -58,6 +58,16 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Surface {
             vertices, strain, frame, u, rest, row_nodes, row_weights, cells, triangles, triangle_starts,
             triangle_of, positions, normals, scalars
+        }
+        EfgLaw { forces, changes }
+        EfgStep {
+            dt, inertia, gravity, tolerance, furthest, wall, from, to, reach, max_iterations, elasticity,
+            is_paper, only_forces, substep, arrived, step
+        }
+        Efg {
+            bricks, starts, cell, step, laws, neighbours, flags, cells, shown, mass, heavy, inverse, rotations,
+            frames, u, v, x, b, r, z, p, w, s, ax, touched, shares, press, partials, seen, is_settled,
+            near_tools, started, report
         }
     };
     let numbers = [
@@ -79,6 +89,14 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("NAMES", point::NAMES),
         ("IMPULSE", point::IMPULSE),
         ("POINT_FIELDS", point::FIELDS),
+        ("VECTOR", numbers::VECTOR),
+        ("BLOCK", numbers::BLOCK),
+        ("ROTATION", numbers::ROTATION),
+        ("FRAME", numbers::FRAME),
+        ("PRESS_FIELDS", PRESS_FIELDS),
+        ("GRID_NUMBERS", GRID_NUMBERS),
+        ("(EFG_SHARED_BYTES<float, 6>)", efg_shared_bytes(6, 4)),
+        ("(EFG_SHARED_BYTES<double, 2>)", efg_shared_bytes(2, 8)),
     ];
 
     let header = twins::header("layout.cuh");

@@ -26,8 +26,8 @@ const JUDGE_THREADS: u32 = 1024;
 /// What is done after each substep: equal plans are recorded once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Plan {
-    push: layout::Push,
-    drive: layout::Drive,
+    pub push: layout::Push,
+    pub drive: layout::Drive,
     /// Whether velocities are cleared whenever Σ m v² falls.
     pub settles: bool,
 }

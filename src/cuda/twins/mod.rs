@@ -2,6 +2,7 @@
 //!
 //! A law answers in single precision, its twin in double precision to the same numbers: they differ by the law's own roundings.
 
+mod efg;
 mod laws;
 #[path = "../../../tests/support/programs.rs"]
 mod programs;
@@ -125,7 +126,7 @@ impl Laws {
 #[test]
 fn every_law_of_the_kernels_has_an_answer_to_compare() {
     let Some(laws) = Laws::compiled() else { return };
-    let headers = ["law.cuh", "contact.cuh"].map(header);
+    let headers = ["law.cuh", "contact.cuh", "efg.cuh"].map(header);
     let declared = headers.iter().flat_map(|header| header.lines()).filter_map(|line| {
         let (name, _) = line.strip_prefix("PLP_LAW ")?.split_once('(')?;
         Some(name)

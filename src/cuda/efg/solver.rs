@@ -1,0 +1,426 @@
+//! The meshless model's backend on a GPU: how an implicit step is asked of the device.
+//!
+//! A step's record goes to the device, sites are listed where the last list is no longer good, one kernel takes the step, and its last block writes what
+//! happened into memory that the host watches. Nothing else goes to and fro.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+
+use super::Number;
+use super::state::{State, number};
+use crate::cpu::contact::found;
+use crate::cpu::efg::press::wall_n_m;
+use crate::cpu::efg::solver::SETTLING_S;
+use crate::cuda::body::Body;
+use crate::cuda::contact::{ContactSurface, Plan};
+use crate::cuda::device::Device;
+use crate::cuda::kernels::EfgKernels;
+use crate::cuda::layout::{EfgStep, Report, SOUND, Step};
+use crate::cuda::memory::{Buffer, Pinned, Stream};
+use crate::cuda::near::NearTools;
+use crate::cuda::outside::{self, Outside};
+use crate::cuda::pointer;
+use crate::cuda::surface::SurfaceOnDevice;
+use crate::cuda::told::Told;
+use crate::error::{Error, Result};
+use crate::math::Vec3;
+use crate::model::Model;
+use crate::model::lattice::flag;
+use crate::model::law::CellLaw;
+use crate::sim::MAX_TOOLS;
+use crate::solver::method::{EfgDesc, Elasticity, Scheme};
+use crate::solver::statistics::Copied;
+use crate::solver::tool::Contact;
+use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::trace;
+
+/// A simulation's state on a GPU.
+#[derive(Debug)]
+pub struct CudaEfgSolver<R: Number> {
+    model: Arc<Model>,
+    desc: EfgDesc,
+    stream: Arc<Stream>,
+    kernels: EfgKernels,
+    body: Body,
+    state: State<R>,
+    step: Pinned<EfgStep>,
+    report: Told,
+    contact: ContactSurface,
+    outside: Outside,
+    near: NearTools,
+    /// Surfaces that were shown.
+    surfaces: Vec<Option<SurfaceOnDevice>>,
+    /// The step that moduli were made for; 0 where they were made for none.
+    dt: f64,
+    /// A node that goes further in a step is lost: the diagonal of the model, in m.
+    furthest: f64,
+    /// Speed of the fastest node at the end of the last step, m/s, and how long that was.
+    speed: f64,
+    last_dt: f64,
+    /// Where tools were then, model frame.
+    origins: Vec<Vec3>,
+    dropped: u64,
+    /// Of those, the ones before the last reset.
+    dropped_before: u64,
+    sequence: u32,
+    /// The host's copy of the nodes, where it is up to date.
+    mirror: RefCell<Option<Mirror<R>>>,
+    /// The first failure of a call that has no way to tell it: the state is lost.
+    lost: RefCell<Option<String>>,
+}
+
+/// Nodes as the host sees them.
+#[derive(Debug)]
+struct Mirror<R> {
+    u: Vec<R>,
+    v: Vec<R>,
+}
+
+impl<R: Number> CudaEfgSolver<R> {
+    /// The model at rest on a device.
+    pub fn new(model: &Arc<Model>, desc: &EfgDesc, device: Arc<Device>) -> Result<Self> {
+        let stream = Arc::new(Stream::new(device)?);
+        let (lattice, body) = (model.lattice(), Body::of(model));
+        let bricks = lattice.bricks().len();
+        let kernels = EfgKernels::load(&stream.device, R::PRECISION, bricks as u32)?;
+        let mut solver = Self {
+            state: State::new(model, &body, kernels.blocks, &stream)?,
+            step: Pinned::new(&stream)?,
+            report: Told::new(&stream)?,
+            contact: ContactSurface::new(model, &stream)?,
+            outside: Outside::new(model, &stream)?,
+            near: NearTools::new(bricks, &stream)?,
+            surfaces: model.surfaces().iter().map(|_| None).collect(),
+            dt: 0.0,
+            furthest: Vec3::from(lattice.cells().map(|n| n as f64)).norm() * lattice.cell_m(),
+            speed: 0.0,
+            last_dt: 1.0,
+            origins: Vec::with_capacity(MAX_TOOLS),
+            dropped: 0,
+            dropped_before: 0,
+            sequence: 0,
+            mirror: RefCell::new(None),
+            lost: RefCell::new(None),
+            model: model.clone(),
+            desc: *desc,
+            body,
+            kernels,
+            stream,
+        };
+        solver.rest()?;
+        Ok(solver)
+    }
+
+    /// Back to rest.
+    fn rest(&mut self) -> Result<()> {
+        self.state.rest(self.model.lattice())?;
+        self.contact.clear()?;
+        self.near.clear()?;
+        self.dropped_before = self.dropped;
+        self.speed = 0.0;
+        self.mirror.replace(None);
+        self.stream.wait()
+    }
+
+    /// A step's record without tools.
+    fn record(&self, dt: f64, drag_per_s: f64, gravity: Vec3) -> EfgStep {
+        EfgStep {
+            dt,
+            inertia: self.desc.scheme.inertia(dt, drag_per_s),
+            gravity: gravity.into(),
+            tolerance: self.desc.tolerance,
+            furthest: self.furthest,
+            wall: wall_n_m(&self.body.laws, self.model.lattice().cell_m()),
+            to: 1.0,
+            max_iterations: self.desc.max_iterations,
+            elasticity: match self.desc.elasticity {
+                Elasticity::Corotated => 0,
+                Elasticity::Linear => 1,
+                Elasticity::StVenantKirchhoff => 2,
+            },
+            is_paper: u32::from(self.desc.scheme == Scheme::Paper),
+            ..EfgStep::default()
+        }
+    }
+
+    /// Takes a step and waits for its report.
+    fn take(&mut self, mut record: EfgStep, contact: Plan, outside: outside::Plan) -> Result<Report> {
+        if self.dt != record.dt {
+            let scheme = self.desc.scheme;
+            self.state.set_moduli(&self.body.laws, |law| scheme.stiffness(record.dt, law.damping_s))?;
+            self.dt = record.dt;
+        }
+        self.sequence = self.sequence.wrapping_add(1);
+        record.step.sequence = self.sequence;
+        // SAFETY: the last step has been reported, so the device reads the record no more.
+        unsafe { self.step.host().write(record) };
+        let asked = self.ask(contact, outside);
+        asked.and_then(|()| self.report.wait(&self.stream, self.sequence)).inspect_err(|_| {
+            // Nobody knows whether sites were listed.
+            self.contact.lose_track();
+        })
+    }
+
+    /// Asks the stream for the work of a step.
+    fn ask(&self, contact: Plan, outside: outside::Plan) -> Result<()> {
+        let _range = trace::range(c"launch");
+        let (device, stream) = (&self.stream.device, self.stream.handle);
+        let _entered = device.enter()?;
+        let tools = contact.tools as usize;
+        let mut pass = self.state.pass();
+        self.near.note_in(&mut pass);
+        // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the work.
+        unsafe {
+            let status = (device.driver.memcpy_to_device)(
+                self.state.step.at(),
+                self.step.host().cast_const().cast(),
+                EfgStep::bytes(tools),
+                stream,
+            );
+            device.driver.check(status, "sending a step")?;
+            self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, 1)?;
+            let mut efg = self.state.on_device(&pass, self.report.device_at());
+            let mut contact = self.contact.on_device(contact);
+            let (mut push, mut drive) = (outside.push, outside.drive);
+            let arguments =
+                &mut [pointer(&mut efg), pointer(&mut contact), pointer(&mut push), pointer(&mut drive)];
+            let EfgKernels { step, blocks, threads, .. } = self.kernels;
+            step.launch(device, stream, blocks, threads, arguments)?;
+        }
+        self.stream.traffic.add_to_device(EfgStep::bytes(tools));
+        self.stream.traffic.add_to_host(Report::bytes(tools));
+        Ok(())
+    }
+
+    /// One implicit step, number `substep` of the plan's.
+    fn substep(&mut self, plan: &StepPlan, substep: u32, outside: outside::Plan) -> Result<Report> {
+        let [from, to] = [substep, substep + 1].map(|n| f64::from(n) / f64::from(plan.substeps));
+        let mut record = self.record(plan.dt, plan.drag_per_s, plan.gravity);
+        let h = self.model.lattice().cell_m();
+        let reach = found::reach(plan.tools, [from, to], self.speed * plan.dt, h);
+        (record.from, record.to, record.reach) = (from as f32, to as f32, reach as f32);
+        record.substep = substep;
+        record.step = Step { duration: (plan.dt * f64::from(plan.substeps)) as f32, ..Step::default() };
+        let way = self.speed * self.last_dt;
+        let contact = self.contact.prepare_ahead(plan.tools, way, reach, &mut record.step)?;
+        self.near.prepare(plan.tools.len())?;
+        let report = self.take(record, contact, outside)?;
+        self.speed = f64::from(report.speed2).sqrt();
+        self.last_dt = plan.dt;
+        if report.diverged_at != SOUND {
+            // The state stays the last good one, at rest.
+            self.state.v.clear()?;
+            self.state.turn_back()?;
+            self.speed = 0.0;
+            self.contact.lose_track();
+        }
+        Ok(report)
+    }
+
+    /// What a call without an error of its own gives: nothing where it failed.
+    fn or_lost<T: Default>(&self, result: Result<T>) -> T {
+        result.unwrap_or_else(|error| {
+            let why = if let Error::Device(why) = error { why } else { error.to_string() };
+            self.lost.borrow_mut().get_or_insert(why);
+            T::default()
+        })
+    }
+
+    /// The nodes as they are now.
+    fn look<T>(&self, see: impl FnOnce(&Mirror<R>) -> T) -> T {
+        let mut mirror = self.mirror.borrow_mut();
+        if mirror.is_none() {
+            let all = |field: &Buffer<R>| {
+                let mut all = vec![R::splat(0.0); 3 * self.body.flags.len()];
+                self.or_lost(field.read(0, &mut all));
+                all
+            };
+            *mirror = Some(Mirror { u: all(&self.state.u), v: all(&self.state.v) });
+        }
+        see(mirror.as_ref().expect("the mirror was just filled"))
+    }
+
+    /// Impulses of inner forces in a second from where nodes are, at rest there.
+    fn inner_forces(&mut self) -> Result<Vec<R>> {
+        let mut v = vec![R::splat(0.0); 3 * self.body.flags.len()];
+        self.state.v.read(0, &mut v)?;
+        self.state.v.clear()?;
+        let inertia =
+            EfgStep { inertia: 1.0, is_paper: 0, only_forces: 1, ..self.record(1.0, 0.0, Vec3::zeros()) };
+        self.take(inertia, Plan::default(), outside::Plan::default())?;
+        self.state.v.write(0, &v)?;
+        self.state.impulses(&mut v)?;
+        Ok(v)
+    }
+}
+
+/// A slot's vector in a field.
+fn vector<R: Number>(field: &[R], slot: u32) -> Vec3 {
+    Vec3::from_fn(|axis, _| field[number(slot as usize, axis)].to_f64())
+}
+
+impl<R: Number> Solver for CudaEfgSolver<R> {
+    fn stable_dt(&self) -> f64 {
+        f64::INFINITY
+    }
+
+    fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
+        self.mirror.replace(None);
+        let outside = self.outside.prepare(plan, &self.body)?.plan;
+        // Settling looks for rest alone: steps so long that inertia is nothing, from no velocity each.
+        let settling = StepPlan { dt: SETTLING_S, ..*plan };
+        let plan = if plan.kinetic_damping { &settling } else { plan };
+        let mut all = StepReport {
+            awake_nodes: self.model.lattice().node_count() as u64,
+            awake_bricks: self.model.lattice().bricks().len() as u64,
+            ..StepReport::default()
+        };
+        for substep in 0..plan.substeps {
+            if plan.kinetic_damping {
+                self.halt();
+            }
+            let report = self.substep(plan, substep, outside)?;
+            for (sum, told) in sums.iter_mut().zip(&report.sums).take(plan.tools.len()) {
+                sum.impulse.force_n += Vec3::from(told.impulse);
+                sum.impulse.torque_n_m += Vec3::from(told.moment);
+                sum.work_j += told.work;
+            }
+            self.dropped = self.dropped_before + u64::from(report.dropped_points);
+            all.iterations = report.iterations;
+            all.residual = report.residual.into();
+            all.strain = report.strain.into();
+            all.volume_ratio = [1.0 - f64::from(report.shrinking), 1.0 + f64::from(report.swelling)];
+            all.contact_points = report.contact_points;
+            all.dropped_points = self.dropped;
+            all.device_s += report.device_ns as f64 * 1e-9;
+            all.has_diverged = report.diverged_at != SOUND;
+            if all.has_diverged {
+                break;
+            }
+            all.substeps += 1;
+        }
+        self.origins.clear();
+        self.origins.extend(plan.tools.iter().map(|tool| tool.path.to.translation.vector));
+        Ok(all)
+    }
+
+    fn check(&self) -> Result<()> {
+        self.lost.borrow().as_ref().map_or(Ok(()), |why| Err(Error::Device(why.clone())))
+    }
+
+    fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
+        let Some(&origin) = self.origins.get(tool) else { return };
+        let found = self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt));
+        found.into_iter().for_each(show);
+    }
+
+    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
+        if self.surfaces[index].is_none() {
+            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
+        }
+        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
+        surface.publish(&self.kernels.surfaces, &self.stream, &self.state.pass(), field, arrays)
+    }
+
+    fn displacement(&self, slot: u32) -> Vec3 {
+        self.look(|mirror| vector(&mirror.u, slot))
+    }
+
+    fn velocity(&self, slot: u32) -> Vec3 {
+        self.look(|mirror| vector(&mirror.v, slot))
+    }
+
+    fn velocities(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        self.look(|mirror| all.extend((0..self.body.flags.len() as u32).map(|slot| vector(&mirror.v, slot))));
+    }
+
+    fn largest_change(&self, before: &[Vec3]) -> f64 {
+        (0..).zip(before).map(|(slot, old)| (self.velocity(slot) - old).norm()).fold(0.0, f64::max)
+    }
+
+    fn halt(&mut self) {
+        self.or_lost(self.state.v.clear());
+        self.speed = 0.0;
+        self.contact.lose_track();
+        self.mirror.replace(None);
+    }
+
+    fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
+        let word = self.model.lattice().words()[slot as usize];
+        self.or_lost(self.state.set_node(slot, word, displacement, velocity));
+        self.speed = self.speed.max(velocity.norm());
+        self.contact.lose_track();
+        self.mirror.replace(None);
+    }
+
+    fn accelerations(&mut self) -> Vec<Vec3> {
+        let forces = self.inner_forces();
+        let forces = self.or_lost(forces);
+        let lattice = self.model.lattice();
+        let mut all = vec![Vec3::zeros(); self.body.flags.len()];
+        for slot in lattice.slots().filter(|_| !forces.is_empty()) {
+            let mass = lattice.node_mass(slot, |material| self.body.laws[usize::from(material)].corner_kg);
+            let (flags, force) = (self.body.flags[slot as usize], vector(&forces, slot));
+            let free =
+                |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
+            all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
+        }
+        all
+    }
+
+    fn wake(&mut self) {
+        self.outside.forget_loads();
+    }
+
+    fn set_laws(&mut self, laws: &[CellLaw; 16], _stable_dt: f64) -> Result<()> {
+        self.body.laws = *laws;
+        self.dt = 0.0;
+        self.outside.forget_loads();
+        self.contact.lose_track();
+        self.state.set_masses(self.model.lattice(), laws)
+    }
+
+    fn set_flags(&mut self, changed: &[(u32, u8)], _stable_dt: f64) -> Result<()> {
+        if changed.is_empty() {
+            return Ok(());
+        }
+        let mut v = vec![R::splat(0.0); 3 * self.body.flags.len()];
+        self.state.v.read(0, &mut v)?;
+        for &(slot, flags) in changed {
+            self.body.flags[slot as usize] = flags;
+            for axis in (0..3).filter(|axis| flags & (flag::FIX_X << axis) != 0) {
+                v[number(slot as usize, axis)] = R::splat(0.0);
+            }
+        }
+        self.state.v.write(0, &v)?;
+        self.outside.forget_loads();
+        self.contact.lose_track();
+        self.mirror.replace(None);
+        self.state.set_flags(&self.body.flags)
+    }
+
+    fn can_grasp(&self) -> bool {
+        false
+    }
+
+    fn reset(&mut self) {
+        let rested = self.rest();
+        self.or_lost(rested);
+    }
+
+    fn node_bytes(&self) -> u64 {
+        self.state.bytes()
+    }
+
+    fn copied(&self) -> Copied {
+        self.stream.traffic.total()
+    }
+}
+
+impl<R: Number> Drop for CudaEfgSolver<R> {
+    fn drop(&mut self) {
+        // The last step's work may still be ending.
+        let _ = self.stream.wait();
+    }
+}

@@ -80,10 +80,16 @@ void move_tool(plp_hd &port, const Reading &r, double dt_s) noexcept {
     s.is_led = false;
 }
 
+/// Whether another thread was inside the tool, which then answers what it answered last: a tick that was missed, and no more.
+bool is_busy(plp_status status, const plp_servo &felt) noexcept {
+    return status == PLP_ERR_BUSY && (felt.flags & PLP_SERVO_STOPPED) == 0;
+}
+
 /// What the tool's answer says is wrong.
 std::uint32_t faults_of(plp_status status, const plp_servo &felt) noexcept {
     std::uint32_t faults = 0;
-    if (status != PLP_OK || felt.flags & (PLP_SERVO_STOPPED | PLP_SERVO_NOT_FINITE)) faults |= PLP_HD_FAULT_TISSUE;
+    const bool is_answer = status == PLP_OK || is_busy(status, felt);
+    if (!is_answer || felt.flags & (PLP_SERVO_STOPPED | PLP_SERVO_NOT_FINITE)) faults |= PLP_HD_FAULT_TISSUE;
     if (felt.flags & PLP_SERVO_TOO_FAST) faults |= PLP_HD_FAULT_JUMP;
     // Before the first step nothing has grown old.
     if (felt.flags & PLP_SERVO_DECAYING && felt.age_s >= 0.0) faults |= PLP_HD_FAULT_STALE;
@@ -107,7 +113,7 @@ void exchange(plp_hd &port, plp_tool *tool, bool is_held, plp_hd_tick &t) noexce
     t.faults |= faults_of(t.status, felt);
     if (felt.age_s >= 0.0) port.ages.add(felt.age_s);
     // A tool that did not answer has not seen this tick: its force must not come back where it left off.
-    if (t.status < 0) s.lets_go = true;
+    if (t.status < 0 && !is_busy(t.status, felt)) s.lets_go = true;
 }
 
 void count(plp_hd &port, const plp_hd_tick &t) noexcept {

@@ -1,7 +1,7 @@
 //! Opaque handles that answer misuse with a status.
 //!
 //! ```text
-//!  host's pointer ──▶ Shell { kind, state, tag, body } ──▶ Box<Body>
+//!  host's pointer ──▶ Shell { kind, state, tag, aside, body } ──▶ Box<Body>
 //! ```
 //!
 //! The host's pointer leads to a small *shell*. Destroying a handle frees its body and marks the shell dead,
@@ -20,6 +20,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 
+use super::aside::Aside;
 use super::status::{Fault, PLP_ERR_BUSY, PLP_ERR_INVALID_HANDLE, PLP_ERR_NULL, plp_status};
 
 /// Dead shells that are kept unused, so that this many handles later a stale one is still recognised.
@@ -43,6 +44,7 @@ struct Shell {
     kind: AtomicU32,
     state: AtomicU32,
     tag: AtomicU64,
+    aside: Aside,
     body: std::cell::UnsafeCell<*mut c_void>,
 }
 
@@ -64,12 +66,14 @@ pub(super) fn create<H: Handle>(body: H::Body, tag: u64) -> *mut H {
             kind: AtomicU32::new(DEAD),
             state: AtomicU32::new(FREE),
             tag: AtomicU64::new(0),
+            aside: Aside::new(),
             body: std::cell::UnsafeCell::new(std::ptr::null_mut()),
         }))
     });
     // SAFETY: the shell is dead and out of the queue, so nobody else looks at its body.
     unsafe { *shell.body.get() = Box::into_raw(Box::new(body)).cast() };
     shell.tag.store(tag, Ordering::Relaxed);
+    shell.aside.clear();
     // Release: the body and tag above must be seen by a thread that finds the kind right.
     shell.kind.store(H::KIND, Ordering::Release);
     std::ptr::from_ref(shell).cast_mut().cast()
@@ -110,6 +114,13 @@ pub(super) fn hold<H: Handle>(handle: *const H) -> Result<Held<H>, plp_status> {
     // The handle may have been destroyed, and the shell used again, between the check and the exchange. Acquire:
     // as in `find`, for a new handle's kind.
     if shell.kind.load(Ordering::Acquire) == H::KIND { Ok(held) } else { Err(PLP_ERR_INVALID_HANDLE) }
+}
+
+impl<H: Handle> Held<H> {
+    /// Where to leave the answer for those who find the handle busy.
+    pub fn aside(&self) -> &'static Aside {
+        &self.shell.aside
+    }
 }
 
 impl<H: Handle> Deref for Held<H> {
@@ -181,6 +192,11 @@ pub(super) fn tag<H: Handle>(handle: *const H) -> Result<u64, plp_status> {
     let shell = shell_of(handle)?;
     // Relaxed: the Acquire in `shell_of` already makes the tag of the kind that was seen visible.
     Ok(shell.tag.load(Ordering::Relaxed))
+}
+
+/// What a holder left for those who find the handle busy, read without entering it.
+pub(super) fn aside<H: Handle>(handle: *const H) -> Result<&'static Aside, plp_status> {
+    shell_of(handle).map(|shell| &shell.aside)
 }
 
 /// Ends a handle and returns its body; nothing for NULL.

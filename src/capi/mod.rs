@@ -8,7 +8,7 @@
 //! | [`types`] | data that crosses the border, and its defaults |
 //! | [`status`] | status codes, the one table from [`Error`](crate::error::Error) to a code, the last error |
 //! | `boundary` | panics stop here; descs and arrays are copied in, values are copied out |
-//! | `handle` | opaque pointers that survive misuse |
+//! | `handle`, `aside` | opaque pointers that survive misuse, and what a busy one said last |
 //! | `convert` | between the structs of the header and the types of the crate |
 //! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`statistics`], [`tool`], [`surface`] | the functions of one noun |
 
@@ -18,6 +18,7 @@
 // parameter's text.
 #![allow(clippy::missing_safety_doc)]
 
+mod aside;
 mod boundary;
 pub mod change;
 mod convert;

@@ -549,14 +549,17 @@ fn load_of(load: &plp_load) -> Result<Load, Fault> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::super::model::plp_model_create;
     use super::super::status::{PLP_ERR_PANIC, PLP_STOPPED};
+    use super::super::surface::{
+        plp_surface_create, plp_surface_destroy, plp_surface_map, plp_surface_unmap,
+    };
     use super::super::tool::{plp_tool_create, plp_tool_destroy, plp_tool_get_force};
     use super::*;
 
-    /// A simulation of a single cell, and a tool of it.
-    fn cell_and_tool() -> (*mut plp_sim, *mut plp_tool) {
+    /// A simulation of a single cell, and a tool of it, with a device or without (NULL).
+    pub(in crate::capi) fn cell_and_tool(haptic: *const plp_haptic_desc) -> (*mut plp_sim, *mut plp_tool) {
         let still = plp_pose { position_m: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0] };
         let mut jelly = [0; 64];
         jelly[0] = b'j'.cast_signed() as std::ffi::c_char;
@@ -585,7 +588,8 @@ mod tests {
             half_length_m: 0.0,
             half_extents_m: [0.0; 3],
         };
-        let probe = plp_tool_desc { part_count: 1, parts: &raw const ball, ..plp_tool_desc::with_defaults() };
+        let probe =
+            plp_tool_desc { part_count: 1, parts: &raw const ball, haptic, ..plp_tool_desc::with_defaults() };
         let (mut model, mut sim, mut tool) =
             (std::ptr::null_mut(), std::ptr::null_mut(), std::ptr::null_mut());
         // SAFETY: the structs above live until the calls return.
@@ -600,7 +604,7 @@ mod tests {
 
     #[test]
     fn cells_that_turn_over_are_warned_of_once() {
-        let (sim, tool) = cell_and_tool();
+        let (sim, tool) = cell_and_tool(std::ptr::null());
         let lines = Arc::new(Mutex::new(Vec::new()));
         let heard = lines.clone();
         let turned = boundary(|| {
@@ -630,8 +634,16 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_poisons_the_simulation_and_lets_go_of_its_tools() {
-        let (sim, tool) = cell_and_tool();
+    fn a_panic_poisons_the_simulation_with_its_surfaces_and_lets_go_of_its_tools() {
+        let (sim, tool) = cell_and_tool(std::ptr::null());
+        let (mut surface, mut view) = (std::ptr::null_mut(), std::mem::MaybeUninit::uninit());
+        let view_size = size_of::<plp_surface_view>() as u32;
+        // SAFETY: living handles, and room for a view.
+        unsafe {
+            assert_eq!(plp_surface_create(sim, 0, &raw mut surface), PLP_OK);
+            assert_eq!(plp_surface_map(surface, view.as_mut_ptr(), view_size), PLP_OK);
+            assert_eq!(plp_surface_unmap(surface), PLP_OK);
+        }
         let status = boundary(|| with_sim(sim, |_| panic!("a defect")));
         assert_eq!(status, PLP_ERR_PANIC);
         let mut force = std::mem::MaybeUninit::uninit();
@@ -640,6 +652,8 @@ mod tests {
             assert_eq!(plp_sim_step(sim), PLP_ERR_POISONED);
             assert_eq!(plp_tool_get_force(tool, force.as_mut_ptr()), PLP_STOPPED);
             assert_eq!(force.assume_init().force_n, [0.0; 3]);
+            assert_eq!(plp_surface_map(surface, view.as_mut_ptr(), view_size), PLP_ERR_POISONED);
+            assert_eq!(plp_surface_destroy(surface), PLP_OK);
             assert_eq!(plp_sim_destroy(sim), PLP_OK);
             assert_eq!(plp_tool_destroy(tool), PLP_OK);
         }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::boundary::{boundary, check_out, check_output, write_output};
 use super::handle::{self, Handle};
 use super::sim::{Link, with_sim};
-use super::status::{Fault, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status};
+use super::status::{Fault, PLP_ERR_POISONED, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status};
 use super::types::*;
 use crate::error::Error;
 use crate::sim::{SurfaceField, SurfaceFrame, SurfacePort};
@@ -88,7 +88,7 @@ pub unsafe extern "C" fn plp_surface_set_field(surface: *mut plp_surface, field:
 /// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
 /// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
 /// do not change, until plp_surface_unmap. When the simulation, or its GPU, is gone it answers PLP_STOPPED with the last frame, or
-/// PLP_ERR_STATE where there never was one. view_size is sizeof(plp_surface_view).
+/// PLP_ERR_STATE where there never was one. After a defect of the library it answers PLP_ERR_POISONED. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 #[unsafe(no_mangle)]
@@ -101,9 +101,10 @@ pub unsafe extern "C" fn plp_surface_map(
         let mut body = handle::hold(surface).map_err(handle::fault::<plp_surface>)?;
         check_output(view, view_size)?;
         check_unmapped(&body)?;
-        // After a failure nothing new is shown.
-        let frame = if body.link.is_poisoned() { body.port.last() } else { body.port.map() };
-        let frame = frame.map_err(|error| match error {
+        if body.link.is_poisoned() {
+            return Err(Fault::new(PLP_ERR_POISONED, "an earlier call broke the simulation of this surface"));
+        }
+        let frame = body.port.map().map_err(|error| match error {
             Error::Argument(_) => Fault::new(PLP_ERR_STATE, error.to_string()),
             other => other.into(),
         })?;

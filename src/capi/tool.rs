@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use super::aside::WORDS;
 use super::boundary::{
     boundary, check_out, check_output, init_desc, read_desc, read_list, rt_boundary, write_output,
 };
 use super::convert::{check_bits, haptic, motion_out, pose, try_motion};
 use super::handle::{self, Handle};
 use super::sim::{Link, with_sim};
-use super::status::{Fault, PLP_ERR_ARGUMENT, PLP_ERR_NULL, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status};
+use super::status::{
+    Fault, PLP_ERR_ARGUMENT, PLP_ERR_BUSY, PLP_ERR_NULL, PLP_ERR_STATE, PLP_OK, PLP_STOPPED, plp_status,
+};
 use super::types::*;
 use crate::math::{Pose, Vec3};
 use crate::servo::DeviceState;
@@ -156,7 +159,9 @@ pub unsafe extern "C" fn plp_tool_get_force(tool: *mut plp_tool, force: *mut plp
 /// plp_tool_set_pose and plp_tool_get_force.
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
-/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads.
+/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that: a thread that looks at the statistics costs a servo
+/// nothing.
 ///
 /// @thread port @rt
 #[unsafe(no_mangle)]
@@ -171,7 +176,18 @@ pub unsafe extern "C" fn plp_tool_exchange(
         }
         // SAFETY: not NULL; the host offers room for it. Whatever goes wrong after this, there is no force.
         unsafe { servo.write_unaligned(NO_SERVO) };
-        let mut body = handle::hold(tool)?;
+        let held = handle::hold(tool);
+        if let Err(PLP_ERR_BUSY) = held
+            && !state.is_null()
+        {
+            // SAFETY: not NULL; the host passes a state.
+            let stamp_s = unsafe { state.read_unaligned() }.stamp_s;
+            if let Some(felt) = handle::aside(tool)?.get().and_then(|words| still_felt(words, stamp_s)) {
+                // SAFETY: as above.
+                unsafe { servo.write_unaligned(felt) };
+            }
+        }
+        let mut body = held?;
         if state.is_null() {
             return Err(PLP_ERR_NULL);
         }
@@ -186,8 +202,10 @@ pub unsafe extern "C" fn plp_tool_exchange(
         let exchange = body.port.exchange(&device, state.buttons, is_sound).ok_or(PLP_ERR_STATE)?;
         let (age_s, latency_s) =
             body.port.servo_statistics().map_or((-1.0, 0.0), |s| (age_out(s.age_s), s.latency_s));
+        let felt = servo_out(&exchange, age_s, latency_s);
+        body.aside().put(&to_words(&felt, state.stamp_s));
         // SAFETY: as above.
-        unsafe { servo.write_unaligned(servo_out(&exchange, age_s, latency_s)) };
+        unsafe { servo.write_unaligned(felt) };
         Ok(if exchange.is_live { PLP_OK } else { PLP_STOPPED })
     })
 }
@@ -208,6 +226,29 @@ const NO_SERVO: plp_servo = plp_servo {
     flags: PLP_SERVO_STOPPED,
     reserved: 0,
 };
+
+/// How long a servo that finds its tool busy keeps the force, in s: as long as one that finds no new model.
+const BUSY_HOLD_S: f64 = 10e-3;
+
+const SERVO_WORDS: usize = size_of::<plp_servo>() / size_of::<u64>();
+const _: () = assert!(SERVO_WORDS + 1 == WORDS);
+
+/// An answer and its time stamp, as they are left aside.
+fn to_words(felt: &plp_servo, stamp_s: f64) -> [u64; WORDS] {
+    // SAFETY: repr(C), doubles, a u64 and a pair of u32: as many words, none of them padding.
+    let felt: [u64; SERVO_WORDS] = unsafe { std::mem::transmute(*felt) };
+    std::array::from_fn(|i| felt.get(i).copied().unwrap_or(stamp_s.to_bits()))
+}
+
+/// The last answer, for a servo that finds its tool busy at `stamp_s`.
+fn still_felt(words: [u64; WORDS], stamp_s: f64) -> Option<plp_servo> {
+    let felt: [u64; SERVO_WORDS] = std::array::from_fn(|i| words[i]);
+    // SAFETY: as above, the other way; any bits are valid in its fields.
+    let felt: plp_servo = unsafe { std::mem::transmute(felt) };
+    // A stamp that is no number, or of another clock, holds nothing.
+    let is_recent = (0.0..=BUSY_HOLD_S).contains(&(stamp_s - f64::from_bits(words[SERVO_WORDS])));
+    is_recent.then_some(plp_servo { flags: felt.flags | PLP_SERVO_HELD, ..felt })
+}
 
 /// A motion that is none, which the servo answers with no force.
 fn no_motion() -> ToolMotion {
@@ -311,4 +352,45 @@ unsafe fn desc_of(desc: &plp_tool_desc) -> Result<ToolDesc, Fault> {
     let desc = ToolDesc { parts: parts.collect::<Result<_, Fault>>()?, friction: desc.friction };
     desc.check()?;
     Ok(desc)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::boundary::Desc;
+    use super::super::sim::plp_sim_destroy;
+    use super::super::sim::tests::cell_and_tool;
+    use super::*;
+
+    #[test]
+    fn a_servo_that_finds_its_tool_busy_keeps_its_force_for_ten_milliseconds() {
+        let device = plp_haptic_desc::with_defaults();
+        let (sim, tool) = cell_and_tool(&raw const device);
+        let tick = |stamp_s: f64| {
+            let motion = motion_out(&ToolMotion::at(Pose::translation(0.0, 0.0, 0.1)));
+            let state = plp_haptic_state { motion, stamp_s, flags: 0, buttons: 0 };
+            let mut felt = NO_SERVO;
+            // SAFETY: a living handle, a state, and room for an answer.
+            (unsafe { plp_tool_exchange(tool, &raw const state, &raw mut felt) }, felt)
+        };
+        let (status, first) = tick(7.0);
+        assert_eq!((status, first.tool.pose.position_m), (PLP_OK, [0.0, 0.0, 0.1]));
+        let kept = plp_servo { flags: first.flags | PLP_SERVO_HELD, ..first };
+        // As if the device had felt something.
+        let force_n = [0.0, 0.0, 0.5];
+        let held = handle::hold(tool).unwrap();
+        held.aside().put(&to_words(&plp_servo { force_n, ..first }, 7.0));
+        for (stamp_s, expected) in [
+            (7.001, plp_servo { force_n, ..kept }),
+            (7.0099, plp_servo { force_n, ..kept }),
+            (7.0101, NO_SERVO),
+            (6.9, NO_SERVO),
+            (f64::NAN, NO_SERVO),
+        ] {
+            assert_eq!(tick(stamp_s), (PLP_ERR_BUSY, expected), "at {stamp_s}");
+        }
+        drop(held);
+        assert_eq!(tick(7.002).0, PLP_OK);
+        // SAFETY: living handles.
+        unsafe { assert_eq!((plp_tool_destroy(tool), plp_sim_destroy(sim)), (PLP_OK, PLP_OK)) };
+    }
 }

@@ -101,20 +101,6 @@ void a_second_thread_in_a_tick_is_refused_and_the_force_goes() {
     ANSWERS(PLP_OK, plp_model_destroy(world.model));
 }
 
-void a_second_thread_in_the_tool_takes_the_force_away() {
-    Running world;
-    while ((state_of(world.port).faults_ever & PLP_HD_FAULT_TISSUE) == 0) {
-        const plp_motion away = plp_motion_at(0.02, 0.02, 0.1);
-        const plp_status status = plp_tool_set_pose(world.tool, &away);
-        CHECK(status == PLP_OK || status == PLP_ERR_BUSY);
-    }
-    HD_ANSWERS(PLP_OK, plp_hd_close(world.port));
-    world.end_steps();
-    ANSWERS(PLP_OK, plp_tool_destroy(world.tool));
-    ANSWERS(PLP_OK, plp_sim_destroy(world.sim));
-    ANSWERS(PLP_OK, plp_model_destroy(world.model));
-}
-
 void a_stalled_scheduler_delays_closing_and_no_more() {
     Running world;
     hd_emulator_stall(0.2);
@@ -153,7 +139,6 @@ void two_devices_share_the_scheduler_and_close_in_both_orders() {
 int main() {
     all_go_in_any_order_under_a_running_servo();
     a_second_thread_in_a_tick_is_refused_and_the_force_goes();
-    a_second_thread_in_the_tool_takes_the_force_away();
     a_stalled_scheduler_delays_closing_and_no_more();
     two_devices_share_the_scheduler_and_close_in_both_orders();
     hd_emulator_reset();

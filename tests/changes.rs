@@ -166,3 +166,20 @@ fn what_cannot_be_changed_is_refused_and_nothing_changes() {
     let corner = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]].len();
     assert_eq!(freed, (CELLS[0] + 1) * (CELLS[1] + 1) - corner);
 }
+
+#[test]
+fn tissue_that_was_made_stiff_still_falls_asleep() {
+    // So stiff that single precision's rounding alone accelerates nodes by more than soft tissue may in its sleep.
+    let (soft, stiff) = (tissue(4e3, 0.3, 1000.0, 0.0), tissue(4e6, 0.3, 1000.0, 0.0));
+    let desc = SimDesc { threads: 1, drag_per_s: 200.0, ..SimDesc::default() };
+    let mut sim = Sim::new(model(&soft, &soft, &[layer(0.0, 0.0)]), &desc).unwrap();
+    sim.set_material(1, &stiff).unwrap();
+    for slot in sim.model().lattice().slots().collect::<Vec<_>>() {
+        let at = sim.model().lattice().rest_position(slot);
+        sim.set_node(slot, Vec3::x() * (at.z * 0.05), Vec3::zeros()).unwrap();
+    }
+    for _ in 0..300 {
+        sim.step().unwrap();
+    }
+    assert_eq!(sim.statistics().awake_nodes, 0);
+}

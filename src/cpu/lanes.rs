@@ -8,11 +8,16 @@ use crate::math::Num;
 
 /// The scalar of a backend: `f32` or `f64`.
 pub trait Real: Num + Default + PartialOrd + Send + Sync + std::fmt::Debug + 'static {
+    /// What rounding leaves of 1.
+    const EPSILON: f64;
+
     /// Exact widening.
     fn to_f64(self) -> f64;
 }
 
 impl Real for f32 {
+    const EPSILON: f64 = f32::EPSILON as f64;
+
     #[inline(always)]
     fn to_f64(self) -> f64 {
         f64::from(self)
@@ -20,6 +25,8 @@ impl Real for f32 {
 }
 
 impl Real for f64 {
+    const EPSILON: f64 = f64::EPSILON;
+
     #[inline(always)]
     fn to_f64(self) -> f64 {
         self

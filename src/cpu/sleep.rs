@@ -59,8 +59,8 @@ pub struct Sleep {
 }
 
 impl Sleep {
-    /// Everything awake.
-    pub fn new(bricks: &Bricks, thresholds: Thresholds) -> Self {
+    /// Everything awake, and quiet never: see [`Self::set_thresholds`].
+    pub fn new(bricks: &Bricks) -> Self {
         let count = bricks.count();
         let nodes_in = bricks
             .model
@@ -70,7 +70,7 @@ impl Sleep {
             .map(|brick| brick.iter().filter(|&&word| word != 0).count() as u8)
             .collect();
         let mut sleep = Self {
-            thresholds,
+            thresholds: Thresholds { speed: 0.0, acceleration: 0.0 },
             is_asleep: vec![false; count],
             quiet: vec![0; count],
             awake: Vec::with_capacity(count),
@@ -81,6 +81,11 @@ impl Sleep {
         };
         sleep.list(bricks);
         sleep
+    }
+
+    /// What counts as quiet.
+    pub fn set_thresholds(&mut self, thresholds: Thresholds) {
+        self.thresholds = thresholds;
     }
 
     /// Runs of awake bricks.

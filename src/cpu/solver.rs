@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::law::CellLaw;
+use crate::model::law::{CellLaw, most_damping};
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -89,7 +89,7 @@ impl<R: CpuReal> CpuSolver<R> {
             kernel: R::kernel(&tables),
             nodes: Nodes::at_rest(count, tables.damped),
             marks: vec![Mark::default(); count],
-            sleep: Sleep::new(&bricks, Thresholds { speed: 0.0, acceleration: 0.0 }),
+            sleep: Sleep::new(&bricks),
             contact: ContactSurface::new(model.clone()),
             stable_dt: 0.0,
             last_dt: 0.0,
@@ -106,10 +106,8 @@ impl<R: CpuReal> CpuSolver<R> {
             bricks,
         };
         let omega = core.highest_frequency();
-        let damping = model.laws().iter().map(|law| law.damping_s).fold(0.0, f64::max);
-        core.stable_dt = stability::stable_dt(omega, damping);
-        let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
-        core.sleep = Sleep::new(&core.bricks, Thresholds::new(lattice.cell_m(), omega, epsilon));
+        core.stable_dt = stability::stable_dt(omega, most_damping(model.laws()));
+        core.sleep.set_thresholds(Thresholds::new(lattice.cell_m(), omega, R::EPSILON));
         let workers = Workers::new(threads)?;
         let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
         Ok(Self { core, scratches, workers })
@@ -231,6 +229,9 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.kernel = R::kernel(&core.tables);
         core.nodes.keep_velocities(core.tables.damped);
         core.stable_dt = stable_dt;
+        let omega = stability::highest_omega(stable_dt, most_damping(laws));
+        let cell_m = core.bricks.model.lattice().cell_m();
+        core.sleep.set_thresholds(Thresholds::new(cell_m, omega, R::EPSILON));
         self.wake();
         Ok(())
     }

@@ -52,6 +52,11 @@ pub fn highest_frequency(mass: &[f64], mut product: impl FnMut(&mut [f64])) -> f
     ritz.last().copied().unwrap_or(0.0).max(0.0).sqrt()
 }
 
+/// The highest frequency in rad/s that a stable step allows: [`stable_dt`] the other way round.
+pub fn highest_omega(stable_dt: f64, damping_s: f64) -> f64 {
+    1.0 / (0.25 * stable_dt * stable_dt + 0.5 * stable_dt * damping_s).sqrt()
+}
+
 /// The largest stable step in s for a highest frequency in rad/s and stiffness-proportional damping in s.
 pub fn stable_dt(omega: f64, damping_s: f64) -> f64 {
     if omega <= 0.0 {
@@ -161,5 +166,8 @@ mod tests {
         assert_eq!(stable_dt(100.0, 0.0), 0.02);
         // z = 1: 2/ω (√2 − 1).
         assert!((stable_dt(100.0, 0.02) - 0.02 * (2.0_f64.sqrt() - 1.0)).abs() < 1e-15);
+        for damping in [0.0, 0.02] {
+            assert!((highest_omega(stable_dt(100.0, damping), damping) - 100.0).abs() < 1e-9);
+        }
     }
 }

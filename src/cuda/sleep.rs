@@ -84,9 +84,9 @@ impl Sleep {
         Ok(sleep)
     }
 
-    /// What counts as quiet.
-    pub fn set_thresholds(&mut self, thresholds: Thresholds) {
-        self.thresholds = thresholds;
+    /// What counts as quiet in cells of this edge, in m, by the model's highest angular frequency in rad/s. Recorded steps name it.
+    pub fn set_thresholds(&mut self, cell_m: f64, omega: f64) {
+        self.thresholds = Thresholds::new(cell_m, omega, f64::from(f32::EPSILON));
     }
 
     /// What a step does in which bricks may sleep or may not. Where `lists`, sites are listed and may wake some.

@@ -20,13 +20,12 @@ use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
 use super::surface::SurfaceOnDevice;
-use crate::cpu::sleep::Thresholds;
 use crate::cpu::stability;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::law::CellLaw;
+use crate::model::law::{CellLaw, most_damping};
 use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
@@ -228,11 +227,9 @@ impl CudaSolver {
             kernels,
             stream,
         };
-        let damping = laws.iter().map(|law| law.damping_s).fold(0.0, f64::max);
         let omega = solver.highest_frequency()?;
-        solver.stable_dt = stability::stable_dt(omega, damping);
-        let thresholds = Thresholds::new(model.lattice().cell_m(), omega, f64::from(f32::EPSILON));
-        solver.sleep.set_thresholds(thresholds);
+        solver.stable_dt = stability::stable_dt(omega, most_damping(laws));
+        solver.sleep.set_thresholds(model.lattice().cell_m(), omega);
         solver.rest()?;
         Ok(solver)
     }
@@ -646,6 +643,8 @@ impl Solver for CudaSolver {
     }
 
     fn set_laws(&mut self, laws: &[CellLaw; 16], stable_dt: f64) -> Result<()> {
+        // Recorded steps name the kernels and what counts as quiet, and are done.
+        self.graphs.clear();
         let asked = self.body.asks_for();
         let before = std::mem::replace(&mut self.body.laws, *laws);
         let (volumetric, damped) = self.body.asks_for();
@@ -653,11 +652,11 @@ impl Solver for CudaSolver {
             // What may fail for lack of room comes first.
             let loaded = self.state.keep_velocities(damped, &self.stream);
             let loaded = loaded.and_then(|()| Kernels::load(&self.stream.device, volumetric, damped));
-            // Recorded steps name the kernels, and are done.
-            self.graphs.clear();
             self.kernels = loaded.inspect_err(|_| self.body.laws = before)?;
         }
         self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
+        let omega = stability::highest_omega(stable_dt, most_damping(laws));
+        self.sleep.set_thresholds(self.model.lattice().cell_m(), omega);
         self.change(stable_dt)
     }
 

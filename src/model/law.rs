@@ -37,6 +37,11 @@ impl CellLaw {
     }
 }
 
+/// The largest damping among the cells of all materials, in s.
+pub fn most_damping(laws: &[CellLaw; 16]) -> f64 {
+    laws.iter().map(|law| law.damping_s).fold(0.0, f64::max)
+}
+
 /// A spring's direction class: along an edge, a face diagonal or a body diagonal of a cell.
 ///
 /// Body diagonals have a share of w = ¾ of a cell's stiffness, all others w = 1.

@@ -3,7 +3,7 @@
 use crate::cpu::stability;
 use crate::error::{Error, Result};
 use crate::model::lattice::flag;
-use crate::model::law::CellLaw;
+use crate::model::law::{CellLaw, most_damping};
 use crate::model::material::Material;
 use crate::model::{Fix, Model};
 
@@ -27,9 +27,7 @@ pub(super) struct Body {
 impl Body {
     /// As the model is, of which a solver found the stable step.
     pub fn new(model: &Model, stable_dt: f64) -> Self {
-        let damping = damping(model.laws());
-        // dt = (2/ω) (√(1 + z²) − z) with z = β ω / 2, the other way round.
-        let omega2 = 1.0 / (0.25 * stable_dt * stable_dt + 0.5 * stable_dt * damping);
+        let omega2 = stability::highest_omega(stable_dt, most_damping(model.laws())).powi(2);
         Self {
             materials: model.materials().to_vec(),
             laws: *model.laws(),
@@ -105,15 +103,11 @@ impl Body {
         let moving = self.materials.iter().zip(&self.laws[1..]).filter(|(_, law)| law.spring_n_m > 0.0);
         let fastest = moving.map(|(material, _)| material.longitudinal_speed_m_s()).fold(0.0, f64::max);
         let of_any = (2.0 * fastest / (ANY_CELLS * model.lattice().cell_m())).powi(2);
-        stability::stable_dt(known.min(of_any).sqrt(), damping(&self.laws))
+        stability::stable_dt(known.min(of_any).sqrt(), most_damping(&self.laws))
     }
 
     /// Largest Poisson's ratio, ¼ at least.
     pub fn poisson(&self) -> f64 {
         self.materials.iter().map(|material| material.poisson).fold(0.25, f64::max)
     }
-}
-
-fn damping(laws: &[CellLaw; 16]) -> f64 {
-    laws.iter().map(|law| law.damping_s).fold(0.0, f64::max)
 }

@@ -5,17 +5,16 @@
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
-use palpate::math::{Pose, Vec3};
-use palpate::model::material::Material;
-use palpate::model::{LabelUse, Model};
+use palpate::math::Vec3;
+use palpate::model::LabelUse;
 use palpate::sim::{Precision, Sim, SimDesc};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-#[path = "truth/scene.rs"]
-#[allow(dead_code, reason = "a few of the shared scenes serve here")]
-mod scene;
+#[path = "support/block.rs"]
+mod block;
+
+use block::{Block, Pressed, tissue};
 
 /// How far a force or torque may be off, by the largest of its curve. A hundredth of what a hand can tell apart (7 %), and far above what sums in
 /// another order make of it: contact points that come and go a substep earlier.
@@ -24,7 +23,6 @@ const SAME: f64 = 7e-4;
 /// Cells of the block along x, y, z, and the edge of one in m.
 const CELLS: [usize; 3] = [10, 10, 6];
 const H: f64 = 4e-3;
-const MIDDLE: f64 = 0.5 * CELLS[0] as f64 * H;
 const RADIUS: f64 = 8e-3;
 const STEP_S: f64 = 1e-3;
 /// Given, so that no rounding decides on one more: twice what the stiffest model needs.
@@ -102,28 +100,12 @@ const INCLUSION: Script = Script {
     at: |t, _| [6e-3 * ramp(t, 0.0, 0.2) - 1e-3, -8e-3 + 16e-3 * ramp(t, 0.2, 0.6)],
 };
 
-fn tissue(young_pa: f64) -> Material {
-    Material { damping_s: 1e-4, ..scene::material(young_pa, 0.45, 1000.0) }
-}
-
-fn model(has_inclusion: bool) -> Arc<Model> {
+fn pressed(has_inclusion: bool) -> Pressed {
+    let of = |young_pa: f64| tissue(young_pa, 0.45, 1000.0, 1e-4).unwrap();
     // Two cells on a side, one cell below the surface.
-    let label = |[i, j, k]: [usize; 3]| {
-        let is_inside = (4..6).contains(&i) && (4..6).contains(&j) && (3..5).contains(&k);
-        if has_inclusion && is_inside { 2 } else { 1 }
-    };
-    let uses = [(1, LabelUse::Tissue(tissue(5e3))), (2, LabelUse::Tissue(tissue(40e3)))];
-    let mut build = scene::voxels(CELLS, H, label, &uses);
-    scene::hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
-    Arc::new(build.run(&mut |_, _| true).unwrap())
-}
-
-/// Height of the surface that tools meet, which smoothing has moved off the cells' faces, in m.
-fn highest(model: &Model) -> f64 {
-    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
-    vertices
-        .map(|vertex| model.frame().transform_point(&(*vertex).into()).z)
-        .fold(f64::NEG_INFINITY, f64::max)
+    let is_inside = |[i, j, k]: [usize; 3]| (4..6).contains(&i) && (4..6).contains(&j) && (3..5).contains(&k);
+    let inclusion = has_inclusion.then_some((LabelUse::Tissue(of(40e3)), is_inside as fn(_) -> _));
+    Block { cells: CELLS, cell_m: H, soft: of(5e3), inclusion }.build().unwrap()
 }
 
 /// A curve: the time, and three numbers of force in N and of torque in N m for each tool, a line each.
@@ -142,9 +124,8 @@ fn record_beside(script: &Script, threads: usize, beside_m: f64) -> Curve {
         substeps: Some(SUBSTEPS),
         ..SimDesc::default()
     };
-    let model = model(script.has_inclusion);
-    let surface = highest(&model);
-    let mut sim = Sim::new(model, &desc).unwrap();
+    let block = pressed(script.has_inclusion);
+    let mut sim = Sim::new(block.model.clone(), &desc).unwrap();
     let ball = ToolDesc { friction: script.friction, ..ToolDesc::sphere(RADIUS) };
     let mut ports: Vec<_> = (0..script.tools).map(|_| sim.add_tool(&ball).unwrap()).collect();
     let mut curve = Vec::new();
@@ -152,7 +133,7 @@ fn record_beside(script: &Script, threads: usize, beside_m: f64) -> Curve {
         let time_s = STEP_S * f64::from(step);
         for (tool, port) in ports.iter_mut().enumerate() {
             let [depth, aside] = (script.at)(time_s, tool);
-            let at = Pose::translation(MIDDLE + aside + beside_m, MIDDLE, surface + RADIUS - depth);
+            let at = block.at(RADIUS, depth, [aside + beside_m, 0.0]);
             port.set_motion(&ToolMotion::at(at)).unwrap();
         }
         sim.step().unwrap();

@@ -1,14 +1,13 @@
 //! A block of soft tissue that a ball presses from above, with and without a stiff inclusion.
 
-use std::collections::BTreeMap;
 use std::sync::{Arc, OnceLock};
 
 use palpate::error::Result;
-use palpate::math::{Pose, Vec3};
-use palpate::model::grid::LabelGrid;
-use palpate::model::material::Material;
-use palpate::model::{Build, Fix, LabelUse, Model};
+use palpate::math::Vec3;
+use palpate::model::{LabelUse, Model};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
+
+use super::pressed_block::{Block, Pressed, tissue};
 
 /// Cells along x, y, z and their edge in m: 60 mm square, 40 mm high.
 pub const CELLS: [usize; 3] = [12, 12, 8];
@@ -26,14 +25,6 @@ const TUMOUR_PA: f64 = 50e3;
 const TUMOUR_RADIUS_M: f64 = 6e-3;
 const TUMOUR_DEPTH_M: f64 = 12e-3;
 
-/// Where the top is, world frame, in m: the lowest corner is the origin.
-pub const TOP_M: f64 = CELLS[2] as f64 * CELL_M;
-
-/// The middle of the top.
-pub fn middle() -> Vec3 {
-    Vec3::new(0.5 * CELLS[0] as f64 * CELL_M, 0.5 * CELLS[1] as f64 * CELL_M, TOP_M)
-}
-
 /// The block, held at its bottom.
 pub fn model(has_tumour: bool) -> Result<Arc<Model>> {
     model_with(has_tumour, RELAXATION_S)
@@ -41,30 +32,20 @@ pub fn model(has_tumour: bool) -> Result<Arc<Model>> {
 
 /// The same with another viscosity, in s.
 pub fn model_with(has_tumour: bool, damping_s: f64) -> Result<Arc<Model>> {
-    let centre = middle() - Vec3::z() * TUMOUR_DEPTH_M;
-    let label = |n: usize| {
-        let cell = [n % CELLS[0], n / CELLS[0] % CELLS[1], n / (CELLS[0] * CELLS[1])];
-        let at = Vec3::from_fn(|a, _| (cell[a] as f64 + 0.5) * CELL_M);
-        if has_tumour && (at - centre).norm() < TUMOUR_RADIUS_M { 2 } else { 1 }
-    };
-    let labels = (0..CELLS.iter().product()).map(label).collect();
-    let frame = Pose::translation(0.5 * CELL_M, 0.5 * CELL_M, 0.5 * CELL_M);
-    let mut build = Build::new(LabelGrid::new(CELLS, Vec3::repeat(CELL_M), frame, labels)?);
-    build.uses = BTreeMap::from([
-        (1, LabelUse::Tissue(tissue("tissue", YOUNG_PA, damping_s)?)),
-        (2, LabelUse::Tissue(tissue("tumour", TUMOUR_PA, damping_s)?)),
-    ]);
-    build.fixes.push(Fix {
-        pose: Pose::identity(),
-        half_extents: Vec3::new(1.0, 1.0, 0.1 * CELL_M),
-        axes: [true; 3],
-    });
-    Ok(Arc::new(build.run(&mut |_, _| true)?))
+    build(has_tumour, damping_s).map(|pressed| pressed.model)
 }
 
-fn tissue(name: &str, young_pa: f64, damping_s: f64) -> Result<Material> {
-    let elastic = Material::new(name, young_pa, POISSON, DENSITY_KG_M3)?;
-    Ok(Material { damping_s, ..elastic })
+fn build(has_tumour: bool, damping_s: f64) -> Result<Pressed> {
+    let of = |young_pa: f64| tissue(young_pa, POISSON, DENSITY_KG_M3, damping_s);
+    let tumour = LabelUse::Tissue(of(TUMOUR_PA)?);
+    let inclusion = has_tumour.then_some((tumour, is_tumour as fn(_) -> _));
+    Block { cells: CELLS, cell_m: CELL_M, soft: of(YOUNG_PA)?, inclusion }.build()
+}
+
+fn is_tumour(cell: [usize; 3]) -> bool {
+    let at = Vec3::from_fn(|a, _| (cell[a] as f64 + 0.5) * CELL_M);
+    let [nx, ny, nz] = CELLS.map(|n| n as f64 * CELL_M);
+    (at - Vec3::new(0.5 * nx, 0.5 * ny, nz - TUMOUR_DEPTH_M)).norm() < TUMOUR_RADIUS_M
 }
 
 /// The ball.
@@ -72,18 +53,9 @@ pub fn ball() -> ToolDesc {
     ToolDesc { friction: FRICTION, ..ToolDesc::sphere(RADIUS_M) }
 }
 
-/// Height of the surface that tools meet, which smoothing has moved off the cells' faces, in m.
-fn highest(model: &Model) -> f64 {
-    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
-    let heights = vertices.map(|vertex| model.frame().transform_point(&(*vertex).into()).z);
-    heights.fold(f64::NEG_INFINITY, f64::max)
-}
-
 /// The ball so deep in the middle of the top, and so far aside along x and y, at a velocity.
 pub fn pressed(depth_m: f64, aside_m: [f64; 2], linear_m_s: Vec3) -> ToolMotion {
-    static SURFACE_M: OnceLock<f64> = OnceLock::new();
-    let surface = *SURFACE_M.get_or_init(|| model(false).map_or(TOP_M, |model| highest(&model)));
-    let mut at = middle() + Vec3::new(aside_m[0], aside_m[1], 0.0);
-    at.z = surface + RADIUS_M - depth_m;
-    ToolMotion { linear_m_s, ..ToolMotion::at(Pose::translation(at.x, at.y, at.z)) }
+    static PLAIN: OnceLock<Pressed> = OnceLock::new();
+    let plain = PLAIN.get_or_init(|| build(false, RELAXATION_S).expect("a block of sound tissue"));
+    ToolMotion { linear_m_s, ..ToolMotion::at(plain.at(RADIUS_M, depth_m, aside_m)) }
 }

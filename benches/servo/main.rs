@@ -34,6 +34,8 @@ mod exchange;
 mod haptic_device;
 mod options;
 mod prediction;
+#[path = "../../tests/support/block.rs"]
+mod pressed_block;
 mod report;
 mod stability;
 mod stability_plot;

@@ -4,6 +4,19 @@ use super::contact_model::push_direction;
 use crate::math::{Mat3, Mat6, Pose, Vec3};
 use crate::solver::tool::Contact;
 
+/// What tissue is made of where it is touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tissue {
+    /// Young's modulus in Pa.
+    pub young_pa: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Its viscosity as a share of its stiffness, in s: the β of Rayleigh's damping.
+    pub relaxation_s: f64,
+    /// Density in kg/m³.
+    pub density_kg_m3: f64,
+}
+
 /// What is known of a tool's contact. World axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Patch {
@@ -13,10 +26,8 @@ pub struct Patch {
     pub normal: Vec3,
     /// Radius of a circle as large as the contact, in m.
     pub radius_m: f64,
-    /// Young's modulus of the tissue in Pa.
-    pub young_pa: f64,
-    /// Its Poisson's ratio.
-    pub poisson: f64,
+    /// What is touched, on average.
+    pub tissue: Tissue,
     /// Whether friction holds the tissue to the tool: without, there is no tangential stiffness.
     pub sticks: bool,
 }
@@ -25,12 +36,18 @@ pub struct Patch {
 const SLIDING: f64 = 0.9;
 
 impl Patch {
-    /// The contact that these points make, or `None` where nothing pushes. `elasticity` gives Young's modulus in Pa and Poisson's ratio of a
-    /// material's index; `friction` is the tool's coefficient.
+    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for; `friction` is the tool's
+    /// coefficient; `least_radius_m` is that of the smallest contact that tissue so divided can have: a single point has no extent of its own, but
+    /// moves what it hangs on.
     ///
     /// All is weighed by the normal forces. The radius is that of the circle over which Hertz's pressure, p ∝ √(1 − r²/a²), has the same mean square
     /// distance from its middle: 2 a² / 5.
-    pub fn of(contacts: &[Contact], elasticity: impl Fn(u8) -> (f64, f64), friction: f64) -> Option<Self> {
+    pub fn of(
+        contacts: &[Contact],
+        tissue: impl Fn(u8) -> Tissue,
+        friction: f64,
+        least_radius_m: f64,
+    ) -> Option<Self> {
         let pressing = |contact: &Contact| contact.force_n.dot(&contact.normal).max(0.0);
         let total: f64 = contacts.iter().map(pressing).sum();
         // Written so that a NaN is no contact.
@@ -48,9 +65,13 @@ impl Patch {
         Some(Self {
             point_m,
             normal,
-            radius_m: (2.5 * mean(&aside)).sqrt(),
-            young_pa: mean(&|c| elasticity(c.material).0),
-            poisson: mean(&|c| elasticity(c.material).1),
+            radius_m: (2.5 * mean(&aside)).sqrt().max(least_radius_m),
+            tissue: Tissue {
+                young_pa: mean(&|c| tissue(c.material).young_pa),
+                poisson: mean(&|c| tissue(c.material).poisson),
+                relaxation_s: mean(&|c| tissue(c.material).relaxation_s),
+                density_kg_m3: mean(&|c| tissue(c.material).density_kg_m3),
+            },
             sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
         })
     }
@@ -58,10 +79,11 @@ impl Patch {
     /// The stiffness that this contact has on a half-space, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
     /// as that of a rigid circle of radius a (Johnson, "Contact Mechanics", 1985, chapters 3 and 7).
     pub fn stiffness(&self, origin: &Pose) -> Mat6 {
-        let plane_strain = self.young_pa / (1.0 - self.poisson * self.poisson);
-        let shear = self.young_pa / (2.0 * (1.0 + self.poisson));
+        let Tissue { young_pa, poisson, .. } = self.tissue;
+        let plane_strain = young_pa / (1.0 - poisson * poisson);
+        let shear = young_pa / (2.0 * (1.0 + poisson));
         let normal = 2.0 * plane_strain * self.radius_m;
-        let tangential = if self.sticks { 8.0 * shear * self.radius_m / (2.0 - self.poisson) } else { 0.0 };
+        let tangential = if self.sticks { 8.0 * shear * self.radius_m / (2.0 - poisson) } else { 0.0 };
         let along = self.normal * self.normal.transpose();
         let springs = along * normal + (Mat3::identity() - along) * tangential;
         // The springs hold a point of the tool, an arm away from its origin: it moves by u + θ × r, and turns the tool by r × f.
@@ -73,6 +95,13 @@ impl Patch {
         stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(-arm * springs * arm));
         stiffness
     }
+
+    /// A mass, in kg, not below that of the tissue that moves at once with a tool that touches it here, in cells of edge `cell_m`: that of the surface's nodes
+    /// within a cell of the contact, each with half a cell's mass, twenty times, for a point that hangs on bone for the most part moves little of what it weighs.
+    pub fn mass_kg(&self, cell_m: f64) -> f64 {
+        let reach = self.radius_m + cell_m;
+        20.0 * self.tissue.density_kg_m3 * std::f64::consts::PI * reach * reach * 0.5 * cell_m
+    }
 }
 
 #[cfg(test)]
@@ -81,14 +110,15 @@ mod tests {
     use super::*;
     use crate::math::Vec6;
 
+    const SOFT: Tissue = Tissue { young_pa: 5e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1e3 };
+
     /// A flat tip of 5 mm on E* = 12.5 kPa, incompressible.
     fn patch() -> Patch {
         Patch {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            young_pa: 12.5e3 * 0.75,
-            poisson: 0.5,
+            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0, density_kg_m3: 1e3 },
             sticks: true,
         }
     }
@@ -135,28 +165,50 @@ mod tests {
 
     #[test]
     fn points_of_a_hertzian_contact_give_its_circle() {
-        let elasticity = |material| if material == 1 { (4e3, 0.4) } else { (6e3, 0.48) };
-        let found = Patch::of(&hertzian(0.0), elasticity, 0.0).unwrap();
+        let tissue = |material| match material {
+            1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3, density_kg_m3: 900.0 },
+            _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3, density_kg_m3: 1100.0 },
+        };
+        let found = Patch::of(&hertzian(0.0), tissue, 0.0, 1e-3).unwrap();
         assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
         assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
         // A line of points more on one half than on the other.
-        assert!((found.young_pa - 5e3).abs() < 30.0 && (found.poisson - 0.44).abs() < 2e-3, "{found:?}");
+        let Tissue { young_pa, poisson, relaxation_s, density_kg_m3 } = found.tissue;
+        assert!((young_pa - 5e3).abs() < 30.0 && (poisson - 0.44).abs() < 2e-3, "{found:?}");
+        assert!((relaxation_s - 2e-3).abs() < 5e-5 && (density_kg_m3 - 1e3).abs() < 5.0, "{found:?}");
+    }
+
+    #[test]
+    fn a_tool_carries_more_than_the_surface_around_its_contact() {
+        // A circle of 5 + 3 mm, 1.5 mm thick.
+        let surface = 1e3 * std::f64::consts::PI * 8e-3 * 8e-3 * 1.5e-3;
+        assert!((patch().mass_kg(3e-3) - 20.0 * surface).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_single_point_is_as_stiff_as_the_smallest_contact() {
+        let point = Contact { force_n: -Vec3::z(), ..hertzian(0.0)[0] };
+        let found = Patch::of(&[point], |_| SOFT, 0.3, 2e-3).unwrap();
+        let stiffness = stiffness_along(&found.stiffness(&Pose::identity()), Vec3::z());
+        assert!((stiffness - 2.0 * 5e3 / (1.0 - 0.45 * 0.45) * 2e-3).abs() < 1e-9, "2 E* a: {stiffness}");
+        // Where points make a larger circle, that is the contact's.
+        assert!(Patch::of(&hertzian(0.0), |_| SOFT, 0.3, 2e-3).unwrap().radius_m > 3.9e-3);
     }
 
     #[test]
     fn a_contact_sticks_inside_the_cone_of_friction() {
         let sticks =
-            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| (5e3, 0.45), friction).unwrap().sticks;
+            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| SOFT, friction, 0.0).unwrap().sticks;
         assert!(sticks(0.2, 0.3) && !sticks(0.3, 0.3) && !sticks(0.0, 0.0));
     }
 
     #[test]
     fn nothing_that_pushes_is_no_contact() {
-        assert_eq!(Patch::of(&[], |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&[], |_| SOFT, 0.0, 1e-3), None);
         let still: Vec<_> =
             hertzian(0.0).into_iter().map(|c| Contact { force_n: Vec3::zeros(), ..c }).collect();
-        assert_eq!(Patch::of(&still, |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&still, |_| SOFT, 0.0, 1e-3), None);
         let lost = Contact { force_n: Vec3::repeat(f64::NAN), ..still[0] };
-        assert_eq!(Patch::of(&[lost], |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&[lost], |_| SOFT, 0.0, 1e-3), None);
     }
 }

@@ -3,19 +3,18 @@
 use std::time::Instant;
 
 use crate::math::Vec3;
-use crate::model::Model;
 use crate::model::material::Material;
 use crate::servo::ServoOptions;
 use crate::servo::contact_model::ContactModel;
 use crate::servo::device::DeviceDesc;
-use crate::servo::patch::Patch;
+use crate::servo::patch::{Patch, Tissue};
 use crate::servo::stiffness::StiffnessEstimator;
-use crate::solver::tool::{Contact, ToolForce};
+use crate::solver::tool::{Contact, ToolForce, ToolMotion};
 
 use super::tool_port::Asked;
 
-/// A servo that has said nothing for so long is taken for gone, in s: a hundred ticks of a slow one.
-const SILENCE_S: f64 = 0.2;
+/// Tissue that is slower than life by more than this is not felt as heavier still: no hand could move it.
+const SLOWEST: f64 = 30.0;
 
 /// Makes the contact models of one tool.
 #[derive(Debug)]
@@ -27,24 +26,19 @@ pub(super) struct Haptics {
     solved_at: Option<Instant>,
     /// The servo's time of the motion that the last model was made with; NaN before the first.
     stamp_s: f64,
-    heard_at: Option<Instant>,
-    is_silent: bool,
-    buttons: u32,
+    cell_m: f64,
 }
 
 impl Haptics {
-    /// For a tool in a model.
-    pub fn new(device: &DeviceDesc, options: &ServoOptions, model: &Model) -> Self {
-        let relaxation_s = model.materials().iter().map(|material| material.damping_s).fold(0.0, f64::max);
+    /// For a tool in a model with cells of this edge, in m.
+    pub fn new(device: &DeviceDesc, options: &ServoOptions, cell_m: f64) -> Self {
         Self {
-            estimator: StiffnessEstimator::new(&options.coupling.limits(device), relaxation_s),
+            estimator: StiffnessEstimator::new(&options.coupling.limits(device)),
             sequence: 0,
             epoch: 0,
             solved_at: None,
             stamp_s: f64::NAN,
-            heard_at: None,
-            is_silent: false,
-            buttons: 0,
+            cell_m,
         }
     }
 
@@ -59,25 +53,37 @@ impl Haptics {
         now: Instant,
         materials: &[Material],
     ) -> ContactModel {
-        let elasticity = |material: u8| {
+        let tissue = |material: u8| {
             let found = usize::from(material).checked_sub(1).and_then(|index| materials.get(index));
-            found.map_or((0.0, 0.25), |material| (material.young_pa, material.poisson))
+            let none = Tissue { young_pa: 0.0, poisson: 0.25, relaxation_s: 0.0, density_kg_m3: 0.0 };
+            found.map_or(none, |material| Tissue {
+                young_pa: material.young_pa,
+                poisson: material.poisson,
+                relaxation_s: material.damping_s,
+                density_kg_m3: material.density_kg_m3,
+            })
         };
-        let patch = Patch::of(contacts, elasticity, friction);
+        // A lattice gives way no more narrowly than over a circle as large as a cell's face.
+        let least_radius_m = self.cell_m / std::f64::consts::PI.sqrt();
+        let patch = Patch::of(contacts, tissue, friction, least_radius_m);
         let found = self.estimator.update(patch.as_ref(), &asked.motion, &felt.wrench, duration);
         let since = self.solved_at.replace(now).map(|last| now.duration_since(last).as_secs_f64());
         // On the servo's own clock where it moves on, because the servo fades and ages by that one: a host may let time pass as it likes.
         let stamped = asked.stamp_s - std::mem::replace(&mut self.stamp_s, asked.stamp_s);
-        let since = if stamped > 0.0 { Some(stamped) } else { since };
+        let period_s = if stamped > 0.0 { Some(stamped) } else { since }.unwrap_or(duration);
+        // What moves n times slower is as heavy to the hand as n² times its mass.
+        let slowness = (period_s / duration).clamp(1.0, SLOWEST);
+        let mass_kg = patch.as_ref().map_or(0.0, |patch| patch.mass_kg(self.cell_m));
         self.sequence += 1;
         ContactModel {
             wrench: felt.wrench,
             motion: asked.motion,
             stiffness: found.stiffness,
             damping: found.damping,
+            mass_kg: mass_kg * slowness * slowness,
             push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
             time_s: felt.time_s,
-            period_s: since.unwrap_or(duration),
+            period_s,
             stamp_s: asked.stamp_s,
             sequence: self.sequence,
             epoch: self.epoch,
@@ -85,23 +91,11 @@ impl Haptics {
     }
 
     /// Nothing is touched any more, or not what was: the servo engages anew.
-    pub fn release(&mut self, motion: &crate::solver::tool::ToolMotion) -> ContactModel {
+    pub fn release(&mut self, motion: &ToolMotion) -> ContactModel {
         self.estimator.reset();
         self.sequence += 1;
         self.epoch += 1;
         let (sequence, epoch) = (self.sequence, self.epoch);
         ContactModel { motion: *motion, sequence, epoch, ..ContactModel::none() }
-    }
-
-    /// Listens to the servo at a step: whether it has just fallen silent, and buttons that have changed.
-    pub fn listen(&mut self, is_news: bool, buttons: u32, now: Instant) -> (bool, Option<u32>) {
-        if is_news || self.heard_at.is_none() {
-            self.heard_at = Some(now);
-        }
-        let silence = self.heard_at.map_or(0.0, |heard| now.duration_since(heard).as_secs_f64());
-        let fell_silent = silence > SILENCE_S && !self.is_silent;
-        self.is_silent = silence > SILENCE_S;
-        let changed = buttons != std::mem::replace(&mut self.buttons, buttons);
-        (fell_silent, changed.then_some(buttons))
     }
 }

@@ -8,6 +8,7 @@ use super::body::Body;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
+use super::reach::reached;
 use super::tool_port::{self, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
@@ -56,6 +57,8 @@ pub(super) struct State {
     diverged_at: Option<f64>,
     /// Why the device is lost.
     lost: Option<String>,
+    /// Whether a panic ended the simulation's own thread, and left who knows what.
+    is_broken: bool,
     /// Tools of the last plan, and their indices in `tools`.
     steps: Vec<ToolStep>,
     planned: Vec<usize>,
@@ -92,6 +95,7 @@ impl State {
             tool_work_j: 0.0,
             diverged_at: None,
             lost: None,
+            is_broken: false,
             steps: Vec::with_capacity(MAX_TOOLS),
             planned: Vec::with_capacity(MAX_TOOLS),
             moved_regions: Vec::with_capacity(model.regions().len()),
@@ -120,12 +124,15 @@ impl State {
         device: Option<(&DeviceDesc, &ServoOptions)>,
     ) -> Result<ToolPort> {
         self.check()?;
-        let servo = device.map(|(device, options)| Servo::new(device, options)).transpose()?;
-        let haptics = device.map(|(device, options)| Haptics::new(device, options, &self.model));
+        let cell_m = self.model.lattice().cell_m();
+        let device = device.map(|(device, options)| {
+            Ok((Servo::new(device, options)?, Haptics::new(device, options, cell_m)))
+        });
+        let device = device.transpose()?;
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
-        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, servo, haptics);
+        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, device);
         self.tools.push(end);
         Ok(port)
     }
@@ -397,8 +404,9 @@ impl State {
         Ok(self.statistics.time_s)
     }
 
-    /// Whether the device is still there.
+    /// Whether all is sound and the device is still there.
     pub fn check(&mut self) -> Result<()> {
+        self.refuse_defect()?;
         match &self.lost {
             Some(why) => Err(Error::Device(why.clone())),
             None => {
@@ -406,6 +414,19 @@ impl State {
                 self.heed(answer)
             }
         }
+    }
+
+    pub fn refuse_defect(&self) -> Result<()> {
+        if self.is_broken {
+            return Err(Error::Defect("a defect of the library ended the simulation's thread".into()));
+        }
+        Ok(())
+    }
+
+    /// A panic ended the simulation's own thread: nobody knows what state this is, and nobody shall see it.
+    pub fn give_up(&mut self) {
+        self.is_broken = true;
+        self.let_go();
     }
 
     /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
@@ -454,21 +475,23 @@ impl State {
             self.solver.wake();
         }
         for (index, tool) in self.tools.iter_mut().enumerate() {
-            let (newest, is_news) = tool.asked.read();
-            let Some(asked) = *newest else { continue };
-            // A tool appears where it is first set, without having swept the way there.
-            let from = tool.stands.unwrap_or(asked).motion.pose;
-            tool.stands = Some(asked);
-            if let Some(haptics) = &mut tool.haptics {
-                let (time_s, id) = (self.statistics.time_s, tool.id);
-                let (fell_silent, changed) = haptics.listen(is_news, asked.buttons, now);
-                if fell_silent {
-                    self.events.tell(Event::ServoSilent { time_s, tool: id });
-                }
-                if let Some(buttons) = changed {
+            let (time_s, id) = (self.statistics.time_s, tool.id);
+            if let Some((_, hearing)) = &mut tool.device {
+                while let Some(buttons) = hearing.next_change() {
                     self.events.tell(Event::Buttons { time_s, tool: id, buttons });
                 }
             }
+            let (newest, is_news) = tool.asked.read();
+            let Some(mut asked) = *newest else { continue };
+            // A tool appears where it is first set, without having swept the way there.
+            let from = tool.stands.unwrap_or(asked).motion.pose;
+            if let Some((_, hearing)) = &mut tool.device {
+                asked.motion = reached(&from, &asked.motion, tool.desc.bounding_radius_m(), self.desc.step_s);
+                if hearing.falls_silent(is_news, now) {
+                    self.events.tell(Event::ServoSilent { time_s, tool: id });
+                }
+            }
+            tool.stands = Some(asked);
             let path = ToolPath { from: to_model * from, to: to_model * asked.motion.pose };
             self.planned.push(index);
             self.steps.push(ToolStep { desc: tool.desc.clone(), path, grasped: tool.grasped.clone() });
@@ -552,7 +575,7 @@ impl State {
                 time_s: self.statistics.time_s,
                 sequence: self.statistics.steps,
             };
-            let Some(haptics) = tool.haptics.as_mut().filter(|_| !settling) else {
+            let Some((haptics, _)) = tool.device.as_mut().filter(|_| !settling) else {
                 tool.publish_force(force);
                 continue;
             };

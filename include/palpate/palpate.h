@@ -1304,7 +1304,9 @@ plp_status plp_tool_get_force(plp_tool *tool, plp_force *force);
 /// plp_tool_set_pose and plp_tool_get_force.
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
-/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads.
+/// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that: a thread that looks at the statistics costs a servo
+/// nothing.
 ///
 /// @thread port @rt
 plp_status plp_tool_exchange(plp_tool *tool,
@@ -1350,7 +1352,7 @@ plp_status plp_surface_set_field(plp_surface *surface, uint32_t field);
 /// Takes the newest frame of the surface. Waits for a step or settling in progress; a step that comes
 /// meanwhile waits until the arrays are filled, not until they are unmapped. The view's arrays are valid, and
 /// do not change, until plp_surface_unmap. When the simulation, or its GPU, is gone it answers PLP_STOPPED with the last frame, or
-/// PLP_ERR_STATE where there never was one. view_size is sizeof(plp_surface_view).
+/// PLP_ERR_STATE where there never was one. After a defect of the library it answers PLP_ERR_POISONED. view_size is sizeof(plp_surface_view).
 ///
 /// @thread port
 plp_status plp_surface_map(plp_surface *surface,

@@ -32,6 +32,8 @@ use crate::solver::tool::{ToolMotion, Wrench};
 
 /// Time in which a proxy that has left the tissue loses the mass that it carried, in s: longer than it takes to come back.
 const CARRY_S: f64 = 0.1;
+/// Less than this, in kg, is no mass: a tool in the air is to be just where its device is.
+const LEAST_KG: f64 = 1e-3;
 /// Its radius of gyration in m: that of a short stylus.
 const GYRATION_M: f64 = 0.03;
 
@@ -173,7 +175,8 @@ impl Proxy {
 
     /// Takes up the mass of what is touched, or loses that of what was.
     fn carry(&mut self, mass_kg: f64, dt: f64) {
-        self.mass_kg = mass_kg.max(self.mass_kg * (1.0 - dt / CARRY_S).max(0.0));
+        let left = self.mass_kg * (1.0 - dt / CARRY_S).max(0.0);
+        self.mass_kg = mass_kg.max(if left < LEAST_KG { 0.0 } else { left });
     }
 
     /// The damper that the hand does not feel: what brings the proxy alone to rest soonest, in N s/m and N m s/rad.

@@ -21,7 +21,7 @@ constexpr int LANES = 8, GROUPS = THREADS / LANES;
 constexpr int HELD = MAX_COUPLED / LANES;
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest that the first one found.
 constexpr int ITERATIONS = 64;
-constexpr float CONVERGED = 3e-4f;
+constexpr float CONVERGED = 1e-3f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
 // Most points of one site: more tools than that do not meet in one place.
@@ -119,7 +119,7 @@ __device__ __forceinline__ float improve(const Known& k, const Vec& change, bool
     if (size2 > cone * cone) drag = drag * (cone * rsqrtf(size2));
     const Impulse way{push - s.last.push, drag - s.last.drag};
     const bool turns = way.push * s.way.push + dot(way.drag, s.way.drag) < 0.0f;
-    const float momentum = turns || is_last ? 0.0f : s.age / (s.age + 3.0f);
+    const float momentum = turns || is_last ? 0.0f : __fdividef(s.age, s.age + 3.0f);
     s = {{push + way.push * momentum, drag + way.drag * momentum}, {push, drag}, way, turns ? 0.0f : s.age + 1.0f};
     return fmaxf(fabsf(way.push), fmaxf(fabsf(way.drag.x), fmaxf(fabsf(way.drag.y), fabsf(way.drag.z))));
 }

@@ -43,7 +43,8 @@ int main(int argc, char **argv) {
         anatomy.uses = uses;
         anatomy.use_count = 256;
         anatomy.cell_m = 0.0045;
-        anatomy.fix_faces = 63 & ~(uint32_t)PLP_FACE_Y_HIGH; /* all but the front */
+        /* The grid's faces, and a file may be stored either way round: not the front, nor the back, where the spine holds. */
+        anatomy.fix_faces = 63 & ~(uint32_t)(PLP_FACE_Y_LOW | PLP_FACE_Y_HIGH);
         anatomy.young_cap_pa = 100e3;
     }
     check(plp_model_create(&anatomy, &model));
@@ -82,7 +83,6 @@ int main(int argc, char **argv) {
         fprintf(csv, "%.6f,%.6f\n", indentation, force.force_n[1]);
     }
     fclose(csv);
-
     plp_statistics now; plp_energy energy; plp_place place;
     check(plp_sim_get_place(sim, &place, sizeof place));
     check(plp_sim_get_statistics(sim, &now, sizeof now));

@@ -232,6 +232,20 @@ fn a_device_that_is_everywhere_at_once_does_not_tear_the_tissue() {
 }
 
 #[test]
+fn a_tool_that_a_reset_finds_in_tissue_comes_free_with_its_hand() {
+    let mut rig = Rig::new(pressed(false), 0.3, coupled());
+    // The centre of the ball is below where the surface was.
+    rig.press(RADIUS + 4e-3);
+    rig.sim.reset();
+    rig.press(RADIUS + 4e-3);
+    assert!(rig.flags.contains(Flags::WAITING), "{:?}", rig.flags);
+    rig.go([-2e-3, 0.0], 0.1);
+    rig.go([-2e-3, 0.0], 0.7);
+    assert_eq!((rig.flags, rig.force_n), (Flags::NONE, Vec3::zeros()), "free, and engaged");
+    assert!(rig.press(3e-3) > 0.1, "{} N", rig.force_n.z);
+}
+
+#[test]
 fn every_click_of_a_button_becomes_an_event_however_short() {
     let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
     let mut ticks = |buttons: &[u32]| {

@@ -234,10 +234,22 @@ impl State {
         self.tool_work_j = 0.0;
         self.forget_plan();
         self.regions.clear();
-        for tool in &mut self.tools {
+        for index in 0..self.tools.len() {
+            // Tissue that is put back around a tool would be caught on it, and no spring pulls that off: a device's comes in again as it did before.
+            let tool = &self.tools[index];
+            let outside = tool.entered.filter(|at| self.is_clear(tool, &at.motion.pose)).or(tool.began);
+            let tool = &mut self.tools[index];
+            tool.stands = outside.or(tool.stands);
             tool.release(0.0, 0, false);
         }
         self.note_substeps();
+    }
+
+    /// Whether no node that is where it belongs would be in a tool.
+    fn is_clear(&self, tool: &ToolEnd, pose: &Pose) -> bool {
+        let (lattice, pose) = (self.model.lattice(), self.model.frame().inverse() * pose);
+        let place = |slot| pose.inverse_transform_point(&lattice.rest_position(slot).into()).coords;
+        lattice.slots().all(|slot| tool.desc.distance(place(slot)).distance > 0.0)
     }
 
     pub fn set_gravity(&mut self, gravity: Vec3) {
@@ -486,6 +498,7 @@ impl State {
             // A tool appears where it is first set, without having swept the way there.
             let from = tool.stands.unwrap_or(asked).motion.pose;
             if let Some((_, hearing)) = &mut tool.device {
+                tool.began.get_or_insert(asked);
                 asked.motion = reached(&from, &asked.motion, tool.desc.bounding_radius_m(), self.desc.step_s);
                 if hearing.falls_silent(is_news, now) {
                     self.events.tell(Event::ServoSilent { time_s, tool: id });
@@ -552,9 +565,10 @@ impl State {
         }
     }
 
-    /// After a pause tools are where they are now, and have not swept the way there.
+    /// After a pause tools are where they are now, and have not swept the way there. A device's goes there at its pace and
+    /// pushes tissue before it: tissue in which it is from one step to the next would be caught on it.
     pub fn forget_ways(&mut self) {
-        for tool in &mut self.tools {
+        for tool in self.tools.iter_mut().filter(|tool| tool.device.is_none()) {
             let newest = *tool.asked.read().0;
             tool.stands = newest.or(tool.stands);
         }
@@ -586,6 +600,9 @@ impl State {
                     touched.push(in_world(&frame, contact));
                 }
             });
+            if touched.is_empty() {
+                tool.entered = Some(asked);
+            }
             let friction = tool.desc.friction;
             let materials = &self.body.materials;
             let model = haptics.model(&asked, &force, touched, friction, duration, now, materials);

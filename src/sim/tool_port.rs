@@ -50,6 +50,9 @@ pub(super) struct ToolEnd {
     pub felt: Writer<Felt>,
     /// Where the tool is after the last step, or the one in progress, with the rest of what was asked; world frame; `None` before its first motion.
     pub stands: Option<Asked>,
+    /// The same where a tool with a device first was, and where it last touched nothing.
+    pub began: Option<Asked>,
+    pub entered: Option<Asked>,
     /// Nodes that it holds: slots, and where they are in its frame, in m.
     pub grasped: Arc<[(u32, Vec3)]>,
     /// The model that goes with forces that no device shall feel.
@@ -87,6 +90,8 @@ pub(super) fn open(id: ToolId, desc: &ToolDesc, device: Option<(Servo, Haptics)>
         asked,
         felt,
         stands: None,
+        began: None,
+        entered: None,
         grasped: Arc::new([]),
         idle: ContactModel::none(),
         device: haptics,

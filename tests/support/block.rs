@@ -10,6 +10,9 @@ use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 
+/// Whether a cell, counted along x, y, z, is one of a thing's.
+pub type IsInside = fn([usize; 3]) -> bool;
+
 /// What it is made of.
 pub struct Block {
     /// Cells along x, y, z, and the edge of one in m.
@@ -17,7 +20,7 @@ pub struct Block {
     pub cell_m: f64,
     pub soft: Material,
     /// What lies in it, and in which cells.
-    pub inclusion: Option<(LabelUse, fn([usize; 3]) -> bool)>,
+    pub inclusion: Option<(LabelUse, IsInside)>,
 }
 
 /// The block, and where it is touched.

@@ -41,6 +41,8 @@ pub trait Num: Copy {
     fn fma(self, a: Self, b: Self) -> Self;
     /// The square root.
     fn sqrt(self) -> Self;
+    /// The larger; a NaN in `self` gives `b`.
+    fn max(self, b: Self) -> Self;
 }
 
 macro_rules! scalar_num {
@@ -74,6 +76,10 @@ macro_rules! scalar_num {
             #[inline(always)]
             fn sqrt(self) -> Self {
                 <$real>::sqrt(self)
+            }
+            #[inline(always)]
+            fn max(self, b: Self) -> Self {
+                if self > b { self } else { b }
             }
         }
     };

@@ -60,6 +60,7 @@ pub fn run(options: &Options) -> anyhow::Result<Table> {
     let model = Arc::new(anatomy::build(options, direction, &bar("building")?)?);
     let desc = SimDesc {
         backend: options.backend(),
+        method: options.method(),
         precision: if options.f64 { Precision::Double } else { Precision::Single },
         threads: options.threads,
         sleeping: !options.no_sleep,

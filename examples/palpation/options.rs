@@ -6,6 +6,7 @@ use anyhow::{Context, bail};
 use clap::{Parser, ValueEnum};
 use palpate::math::Vec3;
 use palpate::sim::Backend;
+use palpate::solver::method::{EfgDesc, Method};
 
 /// Presses a tool into soft tissue, prints one table and writes pictures, a plot and the run as CSV.
 #[derive(Clone, Debug, Parser)]
@@ -56,6 +57,10 @@ pub struct Options {
     #[arg(long, value_name = "MU", default_value_t = 0.2)]
     pub friction: f64,
 
+    /// What computes the tissue
+    #[arg(long, value_enum, default_value_t = ModelKind::Lattice)]
+    pub model: ModelKind,
+
     /// Where the tissue is computed
     #[arg(long, value_enum, default_value_t = BackendKind::Cpu)]
     pub backend: BackendKind,
@@ -92,6 +97,15 @@ pub enum ToolKind {
     Box,
 }
 
+/// What computes the tissue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ModelKind {
+    /// A lattice of springs, by explicit substeps
+    Lattice,
+    /// The meshless model, by implicit steps; on the processor
+    Efg,
+}
+
 /// Where the tissue is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum BackendKind {
@@ -104,6 +118,14 @@ pub enum BackendKind {
 }
 
 impl Options {
+    /// The library's word for what computes.
+    pub fn method(&self) -> Method {
+        match self.model {
+            ModelKind::Lattice => Method::Lattice,
+            ModelKind::Efg => Method::Efg(EfgDesc::default()),
+        }
+    }
+
     /// The library's word for where to compute.
     pub fn backend(&self) -> Backend {
         match self.backend {

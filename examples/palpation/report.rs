@@ -8,7 +8,7 @@ use comfy_table::{Table, presets};
 use palpate::model::Model;
 use palpate::sim::Place;
 
-use super::options::Options;
+use super::options::{ModelKind, Options};
 use super::press::{Plan, Record, Row};
 use super::tool::Tool;
 
@@ -86,14 +86,28 @@ pub fn table(
         row("not on a GPU", why.clone());
     }
     row("arithmetic", if options.f64 { "64 bit" } else { "32 bit" }.to_owned());
-    row(
-        "step, stable substep",
-        format!("{:.3} ms, {:.4} ms", plan.step_s * 1e3, last.stable_substep_s * 1e3),
-    );
-    let mean = last.substeps as f64 / last.steps.max(1) as f64;
-    let most = highest(&|r| f64::from(r.statistics.substeps_per_step));
-    row("substeps per step", format!("{mean:.1} on average, {most} at most"));
-    row("nodes awake at most", grouped(highest(&|r| r.statistics.awake_nodes as f64) as usize));
+    match options.model {
+        ModelKind::Lattice => {
+            row("model", "lattice".to_owned());
+            row(
+                "step, stable substep",
+                format!("{:.3} ms, {:.4} ms", plan.step_s * 1e3, last.stable_substep_s * 1e3),
+            );
+            let mean = last.substeps as f64 / last.steps.max(1) as f64;
+            let most = highest(&|r| f64::from(r.statistics.substeps_per_step));
+            row("substeps per step", format!("{mean:.1} on average, {most} at most"));
+            row("nodes awake at most", grouped(highest(&|r| r.statistics.awake_nodes as f64) as usize));
+        }
+        ModelKind::Efg => {
+            row("model", "EFG".to_owned());
+            row("step", format!("{:.3} ms", plan.step_s * 1e3));
+            let iterations: u32 = record.rows.iter().map(|r| r.statistics.cg_iterations).sum();
+            let mean = f64::from(iterations) / record.rows.len().max(1) as f64;
+            let most = highest(&|r| f64::from(r.statistics.cg_iterations));
+            row("iterations per step", format!("{mean:.1} on average, {most} at most"));
+            row("true residual at most", format!("{:.1e}", highest(&|r| r.statistics.true_residual)));
+        }
+    }
     row("memory per node", format!("{:.1} bytes", last.node_bytes as f64 / last.node_count.max(1) as f64));
     row(
         "real-time factor",
@@ -114,7 +128,7 @@ pub fn table(
     let lost = record.rows.last().map_or(0.0, |r| r.energy.tool_work_j);
     row("work of the tool at most", format!("{:.3} mJ", highest(&|r| r.energy.tool_work_j) * 1e3));
     row("work not given back", format!("{:.3} mJ", lost * 1e3));
-    row("spring strain |1 - L/l| at most", format!("{:.1} %", highest(&|r| r.statistics.max_strain) * 1e2));
+    row("strain at most", format!("{:.1} %", highest(&|r| r.statistics.max_strain) * 1e2));
     let squeezed = record.rows.iter().map(|r| r.statistics.volume_ratio[0]).fold(f64::MAX, f64::min);
     let overturned = if squeezed > 0.0 { "" } else { ": cells have turned over, which tissue does not" };
     row("volume ratio at least", format!("{squeezed:.3}{overturned}"));

@@ -216,6 +216,27 @@
 /// Steps compute in 64-bit floating point.
 #define PLP_PRECISION_DOUBLE 1
 
+/// The calibrated lattice of springs computes the tissue, by explicit substeps.
+#define PLP_METHOD_LATTICE 0
+
+/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps. On the processor alone as yet.
+#define PLP_METHOD_EFG 1
+
+/// Hooke's law in axes that turn with each cell.
+#define PLP_ELASTICITY_COROTATED 0
+
+/// Hooke's law for small rotations: tissue that turns is strained.
+#define PLP_ELASTICITY_LINEAR 1
+
+/// Hooke's law between Green's strain and the second Piola-Kirchhoff stress.
+#define PLP_ELASTICITY_ST_VENANT_KIRCHHOFF 2
+
+/// Backward Euler: stable for any step, damps what swings faster than the step.
+#define PLP_SCHEME_BACKWARD_EULER 0
+
+/// The scheme as Magnoux and Ozell (2021) print it: stable for any step, damps nothing.
+#define PLP_SCHEME_PAPER 1
+
 /// A bit of plp_sim_desc.flags (default on): quiet regions fall asleep and stay as anchors.
 #define PLP_SIM_SLEEPING 1
 
@@ -538,7 +559,7 @@ typedef struct {
     double gravity_m_s2[3];
     /// Background drag in 1/s (default 5): every node loses this part of its momentum each second.
     double drag_per_s;
-    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it.
+    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it. EFG: 0 is one.
     uint32_t substeps;
     /// Must be 0.
     uint32_t reserved;
@@ -546,6 +567,16 @@ typedef struct {
     plp_log_fn log;
     /// Given to log. @nullable
     void *log_user;
+    /// What computes the tissue: PLP_METHOD_LATTICE (default) or PLP_METHOD_EFG.
+    uint32_t method;
+    /// EFG: how tissue answers to strain, PLP_ELASTICITY_COROTATED (default) and so on.
+    uint32_t elasticity;
+    /// EFG: how a step is taken, PLP_SCHEME_BACKWARD_EULER (default) or PLP_SCHEME_PAPER.
+    uint32_t scheme;
+    /// EFG: most iterations of a step (default 500); what was reached by then stands, and plp_statistics says so.
+    uint32_t max_iterations;
+    /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
+    double tolerance;
 } plp_sim_desc;
 
 /// A load that acts until it is removed. Fill it with plp_load_init (or plp_load_default), then set what its
@@ -652,7 +683,7 @@ typedef struct {
     double time_s;
     /// Length of the last substep in seconds.
     double substep_s;
-    /// Largest stable substep at rest in seconds, damping included.
+    /// Largest stable substep at rest in seconds, damping included; infinite where steps are implicit.
     double stable_substep_s;
     /// Wall-clock time of the last step in seconds: from the call, waiting for a surface that is being mapped included, until
     /// the forces can be read. plp_sim_get_latency counts these times.
@@ -695,6 +726,12 @@ typedef struct {
     double dropped_s;
     /// Events that found no room because nobody read them.
     uint64_t dropped_event_count;
+    /// EFG: share of its first residual that the last step's solution left, computed from what was found.
+    double true_residual;
+    /// EFG: iterations of the last step's solution.
+    uint32_t cg_iterations;
+    /// 0.
+    uint32_t reserved;
 } plp_statistics;
 
 /// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up

@@ -20,6 +20,7 @@ use crate::error::Error;
 use crate::log::{self, Log};
 use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
 use crate::solver::load::{Load, Region};
+use crate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 
 /// What a `plp_sim` stands for.
 #[derive(Debug)]
@@ -517,6 +518,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
     };
     Ok(SimDesc {
         backend: backend(desc.backend, desc.device)?,
+        method: method(desc)?,
         precision,
         threads: desc.threads as usize,
         step_s: within(desc.step_s, 1e-6, 1.0, "step_s")?,
@@ -526,6 +528,26 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         drag_per_s: desc.drag_per_s,
         sleeping: desc.flags & PLP_SIM_SLEEPING != 0,
     })
+}
+
+fn method(desc: &plp_sim_desc) -> Result<Method, Fault> {
+    let elasticity = match desc.elasticity {
+        PLP_ELASTICITY_COROTATED => Elasticity::Corotated,
+        PLP_ELASTICITY_LINEAR => Elasticity::Linear,
+        PLP_ELASTICITY_ST_VENANT_KIRCHHOFF => Elasticity::StVenantKirchhoff,
+        other => return Err(Fault::argument(format!("elasticity {other} is no PLP_ELASTICITY_ value"))),
+    };
+    let scheme = match desc.scheme {
+        PLP_SCHEME_BACKWARD_EULER => Scheme::BackwardEuler,
+        PLP_SCHEME_PAPER => Scheme::Paper,
+        other => return Err(Fault::argument(format!("scheme {other} is no PLP_SCHEME_ value"))),
+    };
+    let (tolerance, max_iterations) = (desc.tolerance, desc.max_iterations);
+    match desc.method {
+        PLP_METHOD_LATTICE => Ok(Method::Lattice),
+        PLP_METHOD_EFG => Ok(Method::Efg(EfgDesc { elasticity, scheme, tolerance, max_iterations })),
+        other => Err(Fault::argument(format!("method {other} is no PLP_METHOD_ value"))),
+    }
 }
 
 fn load_of(load: &plp_load) -> Result<Load, Fault> {

@@ -42,6 +42,9 @@ pub unsafe extern "C" fn plp_sim_get_statistics(
                 overrun_count: now.overruns,
                 dropped_s: now.dropped_s,
                 dropped_event_count: now.dropped_events,
+                true_residual: now.true_residual,
+                cg_iterations: now.cg_iterations,
+                reserved: 0,
             };
             // SAFETY: checked above; the host offers `statistics_size` bytes.
             unsafe { write_output(statistics, statistics_size, &now) };

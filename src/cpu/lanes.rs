@@ -58,9 +58,6 @@ pub trait Lanes: Num {
     /// `b - self * a`.
     fn take_from(self, a: Self, b: Self) -> Self;
 
-    /// The lane-wise maximum; a NaN in `self` gives `b`.
-    fn max(self, b: Self) -> Self;
-
     /// The lane-wise minimum.
     fn min(self, b: Self) -> Self;
 
@@ -120,6 +117,10 @@ impl<R: Real> Num for Portable<R> {
     fn sqrt(self) -> Self {
         Self(self.0.map(R::sqrt))
     }
+    #[inline(always)]
+    fn max(self, b: Self) -> Self {
+        self.zip(b, |x, y| if x > y { x } else { y })
+    }
 }
 
 impl<R: Real> Lanes for Portable<R> {
@@ -138,10 +139,6 @@ impl<R: Real> Lanes for Portable<R> {
     #[inline(always)]
     fn take_from(self, a: Self, b: Self) -> Self {
         Self(std::array::from_fn(|i| b.0[i].sub(self.0[i].mul(a.0[i]))))
-    }
-    #[inline(always)]
-    fn max(self, b: Self) -> Self {
-        self.zip(b, |x, y| if x > y { x } else { y })
     }
     #[inline(always)]
     fn min(self, b: Self) -> Self {
@@ -226,6 +223,11 @@ mod avx2 {
             // SAFETY: see the module.
             Self(unsafe { _mm256_sqrt_ps(self.0) })
         }
+        #[inline(always)]
+        fn max(self, b: Self) -> Self {
+            // SAFETY: see the module.
+            Self(unsafe { _mm256_max_ps(self.0, b.0) })
+        }
     }
 
     impl Lanes for Avx2F32 {
@@ -245,11 +247,6 @@ mod avx2 {
         fn take_from(self, a: Self, b: Self) -> Self {
             // SAFETY: see the module.
             Self(unsafe { _mm256_fnmadd_ps(self.0, a.0, b.0) })
-        }
-        #[inline(always)]
-        fn max(self, b: Self) -> Self {
-            // SAFETY: see the module.
-            Self(unsafe { _mm256_max_ps(self.0, b.0) })
         }
         #[inline(always)]
         fn min(self, b: Self) -> Self {
@@ -356,6 +353,11 @@ mod avx2 {
             // SAFETY: see the module.
             unsafe { Self(_mm256_sqrt_pd(self.0), _mm256_sqrt_pd(self.1)) }
         }
+        #[inline(always)]
+        fn max(self, b: Self) -> Self {
+            // SAFETY: see the module.
+            unsafe { Self(_mm256_max_pd(self.0, b.0), _mm256_max_pd(self.1, b.1)) }
+        }
     }
 
     impl Lanes for Avx2F64 {
@@ -378,11 +380,6 @@ mod avx2 {
         fn take_from(self, a: Self, b: Self) -> Self {
             // SAFETY: see the module.
             unsafe { Self(_mm256_fnmadd_pd(self.0, a.0, b.0), _mm256_fnmadd_pd(self.1, a.1, b.1)) }
-        }
-        #[inline(always)]
-        fn max(self, b: Self) -> Self {
-            // SAFETY: see the module.
-            unsafe { Self(_mm256_max_pd(self.0, b.0), _mm256_max_pd(self.1, b.1)) }
         }
         #[inline(always)]
         fn min(self, b: Self) -> Self {

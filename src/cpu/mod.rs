@@ -2,6 +2,7 @@
 
 pub mod contact;
 pub mod denormal;
+pub mod efg;
 mod grasp;
 pub(crate) mod lanes;
 pub mod lattice;

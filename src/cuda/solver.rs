@@ -556,6 +556,8 @@ impl Solver for CudaSolver {
         }
         self.dropped = self.dropped_before + u64::from(report.dropped_points);
         Ok(StepReport {
+            iterations: 0,
+            residual: 0.0,
             substeps: taken,
             has_diverged,
             awake_nodes,

@@ -17,23 +17,30 @@ pub struct CellLaw {
     pub corner_kg: f64,
     /// Stiffness-proportional damping β, in s.
     pub damping_s: f64,
+    /// Shear modulus μ in Pa; 0 of what is rigid.
+    pub shear_pa: f64,
+    /// Lamé's λ in Pa; 0 of what is rigid.
+    pub lambda_pa: f64,
 }
 
 impl CellLaw {
     /// The calibrated cell of a material with edge length `h` in metres.
     pub fn of(material: &Material, h: f64) -> Self {
-        let mu = material.shear_modulus_pa();
+        let (mu, lambda) = (material.shear_modulus_pa(), material.lame_lambda_pa());
         Self {
             spring_n_m: mu * h / 0.75 / 4.0,
-            volume_n: (material.lame_lambda_pa() - mu) * h * h / 4.0,
+            volume_n: (lambda - mu) * h * h / 4.0,
             corner_kg: material.density_kg_m3 * h * h * h / 8.0,
             damping_s: material.damping_s,
+            shear_pa: mu,
+            lambda_pa: lambda,
         }
     }
 
     /// A rigid cell: it has a mass, and pushes through the nodes that hold it alone.
     pub fn rigid(material: &Material, h: f64) -> Self {
-        Self { spring_n_m: 0.0, volume_n: 0.0, damping_s: 0.0, ..Self::of(material, h) }
+        let corner_kg = Self::of(material, h).corner_kg;
+        Self { corner_kg, ..Self::default() }
     }
 }
 

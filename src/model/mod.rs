@@ -2,6 +2,7 @@
 
 pub mod binding;
 pub mod build;
+pub mod efg;
 pub mod energy;
 pub mod extract;
 mod fix;

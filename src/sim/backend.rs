@@ -4,12 +4,14 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::{MAX_THREADS, Precision, SimDesc};
+use crate::cpu::efg::solver::EfgSolver;
 use crate::cpu::solver::CpuSolver;
 use crate::cuda::device::Device;
 use crate::cuda::solver::CudaSolver;
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::solver::Solver;
+use crate::solver::method::Method;
 
 /// Where a simulation shall run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -60,15 +62,20 @@ pub(super) fn open(model: &Arc<Model>, desc: &SimDesc) -> Result<(Box<dyn Solver
 fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Result<(Box<dyn Solver>, Place)> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
-    let solver: Box<dyn Solver> = match desc.precision {
-        Precision::Single => Box::new(CpuSolver::<f32>::new(model, threads)?),
-        Precision::Double => Box::new(CpuSolver::<f64>::new(model, threads)?),
+    let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
+        (Method::Lattice, Precision::Single) => Box::new(CpuSolver::<f32>::new(model, threads)?),
+        (Method::Lattice, Precision::Double) => Box::new(CpuSolver::<f64>::new(model, threads)?),
+        (Method::Efg(efg), Precision::Single) => Box::new(EfgSolver::<f32>::new(model, efg, threads)?),
+        (Method::Efg(efg), Precision::Double) => Box::new(EfgSolver::<f64>::new(model, efg, threads)?),
     };
     let device = format!("CPU, {threads} thread{}", if threads == 1 { "" } else { "s" });
     Ok((solver, Place { backend: Backend::Cpu, device, fallback }))
 }
 
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
+    if desc.method != Method::Lattice {
+        return Err(Error::Unsupported("the meshless model runs on the processor alone as yet".into()));
+    }
     if desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
     }

@@ -46,6 +46,7 @@ use crate::model::{Fix, Model};
 use crate::servo::ServoOptions;
 use crate::servo::device::DeviceDesc;
 use crate::solver::load::Load;
+use crate::solver::method::Method;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc};
 use crate::trace;
@@ -65,6 +66,8 @@ pub enum Precision {
 pub struct SimDesc {
     /// Where it runs.
     pub backend: Backend,
+    /// What computes the tissue.
+    pub method: Method,
     /// Arithmetic of a step.
     pub precision: Precision,
     /// Threads that compute, the caller of [`Sim::step`] included; 0 takes one for each core.
@@ -87,6 +90,7 @@ impl Default for SimDesc {
     fn default() -> Self {
         Self {
             backend: Backend::Cpu,
+            method: Method::Lattice,
             precision: Precision::Single,
             threads: 0,
             step_s: 1e-3,
@@ -118,6 +122,9 @@ impl SimDesc {
         }
         if self.threads > MAX_THREADS {
             return Err(Error::Limit(format!("{} threads are more than {MAX_THREADS}", self.threads)));
+        }
+        if let Method::Efg(desc) = &self.method {
+            desc.check()?;
         }
         check_gravity(self.gravity_m_s2)
     }

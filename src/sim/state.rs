@@ -16,10 +16,11 @@ use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
 use crate::model::material::Material;
-use crate::model::{Fix, Model, energy};
+use crate::model::{Fix, Model, efg, energy};
 use crate::servo::device::DeviceDesc;
 use crate::servo::{Servo, ServoOptions};
 use crate::solver::load::NodalLoads;
+use crate::solver::method::Method;
 use crate::solver::statistics::{Energy, Statistics};
 use crate::solver::tool::{Contact, ToolDesc, ToolForce, ToolPath, Wrench};
 use crate::solver::{
@@ -31,8 +32,9 @@ use crate::trace;
 const SAFETY: f64 = 0.95;
 /// Strain that a step is prepared for beyond what was last seen, as |1 − L / l|: a tool may add as much in one step.
 const STRAIN_AHEAD: f64 = 0.05;
-/// Substeps between two looks at whether the tissue has settled.
+/// Substeps between two looks at whether the tissue has settled: explicit ones, and implicit ones.
 const SETTLE_BLOCK: u32 = 50;
+const SETTLE_BLOCK_IMPLICIT: u32 = 3;
 /// Contact points from which the stiffness of a tool's contact is told; of more, the first.
 const MAX_TOUCHED: usize = 1024;
 
@@ -183,11 +185,12 @@ impl State {
         // Regions and tools arrive within the first block, then stay.
         let mut taken = 0;
         let mut left = f64::INFINITY;
+        let most = if self.desc.method == Method::Lattice { SETTLE_BLOCK } else { SETTLE_BLOCK_IMPLICIT };
         let mut before = Vec::new();
         self.disengage();
         while taken < max_substeps && left > tolerance {
             let (_, dt) = self.note_substeps();
-            let block = u64::from(SETTLE_BLOCK).min(max_substeps - taken) as u32;
+            let block = u64::from(most).min(max_substeps - taken) as u32;
             self.settle_for(block, dt, true)?;
 
             // What a node gains in one more substep is by all that acts on it, loads and contact too.
@@ -385,12 +388,13 @@ impl State {
     pub fn energy(&mut self) -> Energy {
         let lattice = self.model.lattice();
         let laws = &self.body.laws;
-        let half = 0.5 * self.statistics.substep_s;
+        // Velocities of the lattice lag by half a substep.
+        let half = if self.desc.method == Method::Lattice { 0.5 * self.statistics.substep_s } else { 0.0 };
         let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
         for slot in lattice.slots() {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
-            // Velocities lag by half a substep; at the time of the displacements they are this.
+            // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
             let flags = self.body.flags[slot as usize];
             let a = accelerations[slot as usize] + gravity;
@@ -400,7 +404,11 @@ impl State {
             kinetic_j += 0.5 * mass * v.norm_squared();
             gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
         }
-        let elastic_j = energy::elastic_j(lattice, laws, |slot| self.solver.displacement(slot));
+        let u = |slot| self.solver.displacement(slot);
+        let elastic_j = match self.desc.method {
+            Method::Lattice => energy::elastic_j(lattice, laws, u),
+            Method::Efg(desc) => efg::energy::elastic_j(lattice, laws, desc.elasticity, u),
+        };
         Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
     }
 
@@ -552,6 +560,8 @@ impl State {
         statistics.awake_bricks = report.awake_bricks;
         statistics.max_strain = report.strain;
         statistics.volume_ratio = report.volume_ratio;
+        statistics.cg_iterations = report.iterations;
+        statistics.true_residual = report.residual;
         statistics.contact_points = report.contact_points;
         statistics.dropped_points = report.dropped_points;
         self.tool_work_j += self.sums.iter().map(|sum| sum.work_j).sum::<f64>();

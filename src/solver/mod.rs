@@ -1,6 +1,7 @@
 //! HOW a step is asked for: what every backend must answer, and what tools, loads and statistics are.
 
 pub mod load;
+pub mod method;
 pub mod statistics;
 pub mod tool;
 
@@ -14,7 +15,7 @@ use statistics::Copied;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
 
 /// One step, as a backend takes it. Model frame.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct StepPlan<'a> {
     /// How many substeps.
     pub substeps: u32,
@@ -93,6 +94,10 @@ pub struct StepReport {
     pub strain: f64,
     /// Smallest and largest J of a cell with a volume term.
     pub volume_ratio: [f64; 2],
+    /// Iterations of the last substep's solution, and the share of its first residual that was left; 0 where steps are explicit.
+    pub iterations: u32,
+    /// See [`Self::iterations`].
+    pub residual: f64,
     /// Surface points in contact in the last substep.
     pub contact_points: u32,
     /// Surface points in tools since creation for which there was no room.

@@ -34,6 +34,10 @@ pub struct Statistics {
     pub max_strain: f64,
     /// Smallest and largest volume ratio J of a cell with ν > ¼ in the last substep.
     pub volume_ratio: [f64; 2],
+    /// Iterations of the last substep's solution; 0 where steps are explicit.
+    pub cg_iterations: u32,
+    /// Share of the first residual that the last solution left, computed from what was found; 0 where steps are explicit.
+    pub true_residual: f64,
     /// Surface points in contact in the last substep.
     pub contact_points: u32,
     /// Surface points in tools since creation that were left out, because more were touched at once than a backend has room for. A

@@ -4,6 +4,7 @@
 //! and fails.
 
 mod contact;
+mod efg;
 mod elastic;
 mod failure;
 mod repeat;

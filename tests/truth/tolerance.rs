@@ -88,6 +88,21 @@ pub const COMPOUND: Tolerance = tolerance("COMPOUND", 1e-6, "the order of contac
 pub const TORQUE_ARM: Tolerance =
     tolerance("TORQUE_ARM", 0.02, "contacts of the last substep against a step's mean");
 
+// ---- The meshless model ------------------------------------------
+
+pub const POTENTIAL: Tolerance = tolerance("POTENTIAL", 1e-6, "a central difference over 1e-6 of a cell");
+pub const STEP_LOSS: Tolerance = tolerance("STEP_LOSS", 1e-9, "the tolerance of the solution, over 50 steps");
+pub const IMPLICIT_MOMENTUM: Tolerance =
+    tolerance("IMPLICIT_MOMENTUM", 1e-8, "the tolerance of the solution, over 200 steps");
+pub const EFG_INDENTATION: Tolerance =
+    tolerance("EFG_INDENTATION", 0.2, "two to four cells in the radius of contact, a layer of six radii");
+pub const TRUE_RESIDUAL: Tolerance = tolerance("TRUE_RESIDUAL", 1e-4, "what was asked for");
+pub const SINGLE_FORCE: Tolerance = tolerance(
+    "SINGLE_FORCE",
+    5e-3,
+    "contacts that are taken up again are settled to SETTLED, 5e-3 of the largest",
+);
+
 // ---- Sleep and shapes --------------------------------------------
 
 pub const SLEEP_HIDES: Tolerance = tolerance("SLEEP_HIDES", 1e-2, "the promise of the sleep thresholds");

@@ -5,11 +5,29 @@ use std::mem::offset_of;
 
 use super::super::boundary::{Desc, Output};
 use super::{PLP_BACKEND_CPU, plp_box, plp_log_fn, plp_pose};
+use crate::solver::method::EfgDesc;
 
 /// Steps compute in 32-bit floating point.
 pub const PLP_PRECISION_SINGLE: u32 = 0;
 /// Steps compute in 64-bit floating point.
 pub const PLP_PRECISION_DOUBLE: u32 = 1;
+
+/// The calibrated lattice of springs computes the tissue, by explicit substeps.
+pub const PLP_METHOD_LATTICE: u32 = 0;
+/// The meshless (element-free Galerkin) model computes the tissue, by implicit steps. On the processor alone as yet.
+pub const PLP_METHOD_EFG: u32 = 1;
+
+/// Hooke's law in axes that turn with each cell.
+pub const PLP_ELASTICITY_COROTATED: u32 = 0;
+/// Hooke's law for small rotations: tissue that turns is strained.
+pub const PLP_ELASTICITY_LINEAR: u32 = 1;
+/// Hooke's law between Green's strain and the second Piola-Kirchhoff stress.
+pub const PLP_ELASTICITY_ST_VENANT_KIRCHHOFF: u32 = 2;
+
+/// Backward Euler: stable for any step, damps what swings faster than the step.
+pub const PLP_SCHEME_BACKWARD_EULER: u32 = 0;
+/// The scheme as Magnoux and Ozell (2021) print it: stable for any step, damps nothing.
+pub const PLP_SCHEME_PAPER: u32 = 1;
 
 /// A bit of plp_sim_desc.flags (default on): quiet regions fall asleep and stay as anchors.
 pub const PLP_SIM_SLEEPING: u32 = 1;
@@ -41,7 +59,7 @@ pub struct plp_sim_desc {
     pub gravity_m_s2: [f64; 3],
     /// Background drag in 1/s (default 5): every node loses this part of its momentum each second.
     pub drag_per_s: f64,
-    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it.
+    /// Substeps in a step; 0 (default) takes what the stable step asks for, and more when strain demands it. EFG: 0 is one.
     pub substeps: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -49,6 +67,16 @@ pub struct plp_sim_desc {
     pub log: plp_log_fn,
     /// Given to log. @nullable
     pub log_user: *mut c_void,
+    /// What computes the tissue: PLP_METHOD_LATTICE (default) or PLP_METHOD_EFG.
+    pub method: u32,
+    /// EFG: how tissue answers to strain, PLP_ELASTICITY_COROTATED (default) and so on.
+    pub elasticity: u32,
+    /// EFG: how a step is taken, PLP_SCHEME_BACKWARD_EULER (default) or PLP_SCHEME_PAPER.
+    pub scheme: u32,
+    /// EFG: most iterations of a step (default 500); what was reached by then stands, and plp_statistics says so.
+    pub max_iterations: u32,
+    /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
+    pub tolerance: f64,
 }
 
 // SAFETY: repr(C), integers, doubles, a raw pointer and an optional function pointer, 4-byte fields in pairs.
@@ -57,6 +85,7 @@ unsafe impl Desc for plp_sim_desc {
     const FIRST_SIZE: usize = offset_of!(Self, log_user) + size_of::<*mut c_void>();
     fn with_defaults() -> Self {
         let defaults = crate::sim::SimDesc::default();
+        let efg = EfgDesc::default();
         let flag = |on: bool, bit: u32| if on { bit } else { 0 };
         Self {
             struct_size: size_of::<Self>() as u32,
@@ -73,6 +102,11 @@ unsafe impl Desc for plp_sim_desc {
             reserved: 0,
             log: None,
             log_user: std::ptr::null_mut(),
+            method: PLP_METHOD_LATTICE,
+            elasticity: PLP_ELASTICITY_COROTATED,
+            scheme: PLP_SCHEME_BACKWARD_EULER,
+            max_iterations: efg.max_iterations,
+            tolerance: efg.tolerance,
         }
     }
 }
@@ -154,7 +188,7 @@ pub struct plp_statistics {
     pub time_s: f64,
     /// Length of the last substep in seconds.
     pub substep_s: f64,
-    /// Largest stable substep at rest in seconds, damping included.
+    /// Largest stable substep at rest in seconds, damping included; infinite where steps are implicit.
     pub stable_substep_s: f64,
     /// Wall-clock time of the last step in seconds: from the call, waiting for a surface that is being mapped included, until
     /// the forces can be read. plp_sim_get_latency counts these times.
@@ -197,9 +231,15 @@ pub struct plp_statistics {
     pub dropped_s: f64,
     /// Events that found no room because nobody read them.
     pub dropped_event_count: u64,
+    /// EFG: share of its first residual that the last step's solution left, computed from what was found.
+    pub true_residual: f64,
+    /// EFG: iterations of the last step's solution.
+    pub cg_iterations: u32,
+    /// 0.
+    pub reserved: u32,
 }
 
-// SAFETY: repr(C), 8-byte fields and one pair of 4-byte ones.
+// SAFETY: repr(C), 8-byte fields and two pairs of 4-byte ones.
 unsafe impl Output for plp_statistics {
     const NAME: &'static str = "plp_statistics";
     const FIRST_SIZE: usize = offset_of!(Self, dropped_event_count) + size_of::<u64>();

@@ -15,6 +15,7 @@
 //! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses: a stiff wall
 //! without friction.
 
+pub mod found;
 mod near;
 mod node_index;
 
@@ -103,6 +104,8 @@ struct Point {
     tool_velocity: Vec3,
     /// How far the point came, seen from the tool, in this move.
     travel: f64,
+    /// Whether it was inside the tool when the move began.
+    was_inside: bool,
     /// 1 / Σ w²/m over free nodes, or over all nodes where none is free.
     mass: f64,
     /// How far the point may be pushed for each metre that its fastest node moves: below 1 where held nodes carry most of it.
@@ -133,7 +136,10 @@ struct View<'a> {
     carry_over: Pose,
     /// How far a point may come before its way matters.
     stride: f64,
+    /// Around all that can be in reach.
     radius: f64,
+    /// How far from the tool a point may be.
+    reach: f64,
 }
 
 /// Which parts of tools a point of the surface meets: those that divide triangles with this longest edge so.
@@ -242,12 +248,12 @@ impl ContactSurface {
             let t = span[0] + (span[1] - span[0]) * f64::from(step) / moves;
             let before = span[0] + (span[1] - span[0]) * f64::from(step - 1) / moves;
             let surface = &self.model.surfaces()[self.model.contact_surface()];
-            self.near.keep_up(surface, tools, nodes.u, |brick| moved(brick) + nodes.furthest + pushed);
+            self.near.keep_up(surface, tools, nodes.u, 0.0, |brick| moved(brick) + nodes.furthest + pushed);
             if self.near.triangles().is_empty() {
                 continue;
             }
             // The tissue's own motion belongs to the first move.
-            self.find_points(tools, [before, t], follow, step == 1, nodes);
+            self.find_points(tools, [before, t], follow, step == 1, 0.0, nodes);
             if self.points.is_empty() {
                 continue;
             }
@@ -270,7 +276,7 @@ impl ContactSurface {
         })
     }
 
-    /// Finds the contact points inside tools, and the nodes that carry them.
+    /// Finds the contact points inside tools, or as near to them as `reach`, and the nodes that carry them.
     /// `span` is the move that the tools make; the tissue moves with it, from where it was before the substep, if `tissue_moves`. Points are
     /// followed along their ways, not looked at where they end alone, if `follow`.
     fn find_points<R: Real>(
@@ -279,6 +285,7 @@ impl ContactSurface {
         span: [f64; 2],
         follow: bool,
         tissue_moves: bool,
+        reach: f64,
         nodes: &ContactNodes<R>,
     ) {
         self.points.clear();
@@ -303,7 +310,8 @@ impl ContactSurface {
                 tool,
                 to_tool: pose.inverse(),
                 stride: 0.5 * tool.desc.feature_m(),
-                radius: tool.desc.bounding_radius_m(),
+                radius: tool.desc.bounding_radius_m() + reach,
+                reach,
                 carry_over: pose * tool.path.at(span[0]).inverse(),
                 pose,
             };
@@ -362,7 +370,7 @@ impl ContactSurface {
             if (p - view.pose.translation.vector).norm_squared() >= view.radius * view.radius {
                 return;
             }
-            Some(view.tool.desc.distance(local(p))).filter(|met| met.distance < 0.0)
+            Some(view.tool.desc.distance(local(p))).filter(|met| met.distance < view.reach)
         } else {
             view.tool.desc.meet(local(start), local(p), travel / view.stride)
         };
@@ -378,6 +386,7 @@ impl ContactSurface {
             depth: -distance,
             tool_velocity: view.tool.path.velocity(&view.pose, p, nodes.step),
             travel,
+            was_inside: view.reach > 0.0 && view.tool.desc.distance(local(start)).distance < 0.0,
             mass: 0.0,
             lever: 1.0,
             is_movable: false,
@@ -524,7 +533,13 @@ impl ContactSurface {
                 self.touched_bricks.push(brick);
             }
         }
-        for point in self.points.iter().filter(|p| p.push > 0.0) {
+        self.tell(tools, t, sums);
+        furthest2.sqrt() * nodes.dt
+    }
+
+    /// Adds up what tools gave.
+    fn tell(&self, tools: &[ToolStep], t: f64, sums: &mut [ToolSum]) {
+        for point in &self.points {
             let tool = &tools[point.tool as usize];
             let origin = tool.path.at(t).translation.vector;
             let impulse = point.normal * point.push + point.drag;
@@ -533,7 +548,6 @@ impl ContactSurface {
             sum.impulse.torque_n_m -= (point.position - origin).cross(&impulse);
             sum.work_j += impulse.dot(&point.tool_velocity);
         }
-        furthest2.sqrt() * nodes.dt
     }
 }
 

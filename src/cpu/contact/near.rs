@@ -150,13 +150,14 @@ impl Near {
         self.travelled += distance * self.lever;
     }
 
-    /// Makes the list anew unless it is still good for the tools' ways in this step. `moved` bounds how far nodes of a brick and its
-    /// neighbours are from rest, in m.
+    /// Makes the list anew unless it is still good for all that is within `reach` of the tools' ways in this step. `moved` bounds how far nodes of a brick
+    /// and its neighbours are from rest, in m.
     pub fn keep_up<R: Real>(
         &mut self,
         surface: &Surface,
         tools: &[ToolStep],
         u: &Field<R>,
+        reach: f64,
         moved: impl Fn(u32) -> f64,
     ) {
         let way = |tool: &ToolStep, spare: f64| {
@@ -165,13 +166,13 @@ impl Near {
         };
         // Nodes that are nowhere finite have travelled nowhere finite: the comparison fails.
         let is_good = self.boxes.len() == tools.len()
-            && self.boxes.iter().zip(tools).all(|(list, tool)| list.holds(&way(tool, 0.0), self.travelled));
+            && self.boxes.iter().zip(tools).all(|(list, tool)| list.holds(&way(tool, reach), self.travelled));
         if is_good {
             return;
         }
         self.forget();
         self.travelled = 0.0;
-        self.boxes.extend(tools.iter().map(|tool| way(tool, self.room)));
+        self.boxes.extend(tools.iter().map(|tool| way(tool, reach + self.room)));
 
         let Self { groups, grouped, triangles, vertices, place_of, seen, sides_of, boxes, lever, .. } = self;
         for vertex in seen.drain(..) {
@@ -274,7 +275,7 @@ mod tests {
             };
             let before = near.triangles().to_vec();
             near.travel(1e-4);
-            near.keep_up(surface, std::slice::from_ref(&tool), &u, |_| slid);
+            near.keep_up(surface, std::slice::from_ref(&tool), &u, 0.0, |_| slid);
             kept += usize::from(near.triangles() == before);
 
             let centre = tool.path.to.translation.vector;

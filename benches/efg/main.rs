@@ -1,0 +1,47 @@
+//! How fast the meshless model takes implicit steps.
+//!
+//! `cargo bench --bench efg` prints a table, `cargo bench --bench efg -- --json` one object per line. A block of cubic cells of 2 mm, 5 kPa, ν = 0.45, held at its base, hangs
+//! under gravity and is pressed by a ball of a sixth of its width.
+//!
+//! `us_per_step` is the median of a whole update: frames, forces, contact, solution, motion; `us_per_iteration` the least over steps of that by its iterations.
+//! `cg_iterations` is the mean of those, over all solutions of a step; `true_residual` the largest share of a step's first residual that was left.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+#[path = "../common/mod.rs"]
+#[allow(dead_code, reason = "each bench uses a part")]
+mod common;
+mod options;
+mod press;
+mod report;
+
+use self::common::allocations;
+use self::common::place::Place;
+use self::options::Options;
+use self::report::Report;
+
+#[global_allocator]
+static ALLOCATOR: allocations::Counting = allocations::Counting;
+
+fn main() -> ExitCode {
+    let options = Options::parse();
+    let place = match Place::of(&options.machine) {
+        Ok(place) => place,
+        Err(error) => {
+            eprintln!("efg: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    let mut report = Report::new(options.json, place);
+    for cells in options.cells() {
+        for dt in options.dt() {
+            match press::run(&options, cells, dt) {
+                Ok(figure) => report.add(&figure),
+                Err(error) => report.fail(cells, &error.to_string()),
+            }
+        }
+    }
+    report.finish()
+}

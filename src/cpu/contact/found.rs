@@ -1,0 +1,102 @@
+//! Contact for a solver that finds impulses itself, together with all that tissue does in a step: where points are inside tools, and what they then receive.
+
+use super::super::lanes::Real;
+use super::{ContactNodes, ContactSurface, PUSH_LIMIT};
+use crate::math::Vec3;
+use crate::solver::{ToolStep, ToolSum};
+
+/// Share of a cell within which points are looked at whoever moves.
+const NEAR: f64 = 0.05;
+
+/// A point that is inside a tool at the end of a step if it stays where it is, or may come there.
+#[derive(Clone, Copy, Debug)]
+pub struct Found<'a> {
+    /// Out of the tool.
+    pub normal: Vec3,
+    /// How far it must go to be out, in m, or how far it may be pushed at most, where that is less; below 0, how far it may come nearer.
+    pub target_m: f64,
+    /// Whether it was inside when the step began: tissue that is pressed follows a tool that leaves it.
+    pub was_inside: bool,
+    /// What it has as an impulse where nothing that carries it can move, in N s.
+    pub wall: Option<f64>,
+    /// Velocity of the tool there, m/s.
+    pub tool_velocity: Vec3,
+    /// Friction of the tool.
+    pub friction: f64,
+    /// Local nodes, and their weights.
+    pub carried: &'a [(u32, f64)],
+}
+
+impl Found<'_> {
+    /// Whether it can be moved, and probably has to be.
+    pub fn is_touched(&self) -> bool {
+        self.wall.is_none() && (self.target_m > 0.0 || self.was_inside)
+    }
+}
+
+impl ContactSurface {
+    /// Looks for points that are inside tools, as these are at the end of a step, or that may come there, nodes being where they are at its start. `span` is the
+    /// fraction of the tools' ways in that step, and `moved` bounds how far nodes of a brick and its neighbours are from rest, in m.
+    pub fn look_ahead<R: Real>(
+        &mut self,
+        tools: &[ToolStep],
+        span: [f64; 2],
+        nodes: &ContactNodes<R>,
+        moved: impl Fn(u32) -> f64,
+    ) {
+        self.points.clear();
+        if tools.is_empty() {
+            self.near.forget();
+            return;
+        }
+        self.near.travel(nodes.furthest);
+        let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
+        let follow = tools.iter().any(|tool| way(tool) > 0.5 * tool.desc.feature_m());
+        // Tissue that was pressed follows a tool that leaves it.
+        let reach = 2.0 * (nodes.fastest * nodes.dt + tools.iter().map(way).fold(0.0, f64::max));
+        let reach = reach + NEAR * self.model.lattice().cell_m();
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        self.near.keep_up(surface, tools, nodes.u, reach, moved);
+        if !self.near.triangles().is_empty() {
+            self.find_points(tools, span, follow, false, reach, nodes);
+        }
+    }
+
+    /// How many points, nodes that carry them and weights there can be at most.
+    pub fn room(&self) -> [usize; 3] {
+        [self.points.capacity(), self.nodes.capacity(), self.carried.capacity()]
+    }
+
+    /// The points that were found.
+    pub fn found<'a>(&'a self, tools: &'a [ToolStep], dt: f64) -> impl Iterator<Item = Found<'a>> {
+        let limit = PUSH_LIMIT * self.model.lattice().cell_m();
+        self.points.iter().map(move |point| Found {
+            normal: point.normal,
+            target_m: point.depth.min((limit + point.travel) * point.lever),
+            was_inside: point.was_inside,
+            wall: (!point.is_movable).then(|| point.mass * point.depth.max(0.0) / dt),
+            tool_velocity: point.tool_velocity,
+            friction: tools[point.tool as usize].desc.friction,
+            carried: &self.carried[point.start as usize..point.end as usize],
+        })
+    }
+
+    /// Slots of the nodes that carry points, by their local numbers.
+    pub fn carriers(&self) -> impl Iterator<Item = u32> {
+        self.nodes.iter().map(|node| node.slot)
+    }
+
+    /// Notes what each point received, along its normal and across it, in N s, and adds it to the sums of the tools, which are at the fraction `t` of their ways.
+    pub fn answer(
+        &mut self,
+        tools: &[ToolStep],
+        t: f64,
+        impulses: impl Iterator<Item = (f64, Vec3)>,
+        sums: &mut [ToolSum],
+    ) {
+        for (point, (push, drag)) in self.points.iter_mut().zip(impulses) {
+            (point.push, point.drag) = (push, drag);
+        }
+        self.tell(tools, t, sums);
+    }
+}

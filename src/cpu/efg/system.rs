@@ -1,0 +1,616 @@
+//! The linear system of an implicit step, A v = b, and what it is made of.
+//!
+//! With velocities v at the end of a step of dt, displacements u + dt v, inner forces f, their change −K, damping β K and drag α:
+//!
+//! ```text
+//! A = (1 + α dt) M + (dt² + β dt) K       b = M v₀ + dt (f(u) + M g + loads)
+//! ```
+//!
+//! That is backward Euler (Baraff and Witkin 1998), once linearised. [`Scheme::Paper`] has b = A v₀ + dt (…) instead, as Magnoux and Ozell print it: the forces
+//! at the start of the step act with a mass that grows with stiffness. That is stable as well, but damps nothing.
+
+use super::super::lanes::{Lanes, Octet, Real};
+use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
+use super::gather::{Source, gather};
+use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
+use super::turn::{Deformed, at_rest, turn};
+use crate::math::{FAR_M, Vec3};
+use crate::model::efg::law::Elasticity;
+use crate::model::lattice::{BRICK_SLOTS, flag};
+use crate::model::law::CellLaw;
+use crate::solver::method::Scheme;
+
+/// Numbers of a block on A's diagonal: xx, xy, xz, yy, yz, zz.
+pub const BLOCK: usize = 6;
+/// Such a block.
+pub type Block = [f64; BLOCK];
+
+/// What a simulation's steps have in common, and the arrays that they use.
+#[derive(Debug)]
+pub struct System<R> {
+    tables: Tables<R>,
+    rotations: Vec<Octet<R>>,
+    frames: Vec<Octet<R>>,
+    inverse: Vec<Octet<R>>,
+    /// Velocities at the end of the step.
+    pub x: Field<R>,
+    pub b: Field<R>,
+    r: Field<R>,
+    z: Field<R>,
+    p: [Field<R>; 2],
+    /// A p, and after the solution A x.
+    pub q: Field<R>,
+    pq: Vec<f64>,
+    residues: Vec<Residue>,
+    seen: Vec<Seen>,
+}
+
+/// What steps read.
+#[derive(Debug)]
+struct Tables<R> {
+    elasticity: Elasticity,
+    /// Moduli as they are, and times dt² + β dt.
+    forces: Moduli<R>,
+    changes: Moduli<R>,
+    inverse_4h: f64,
+    /// Mass of each node, `[brick][row]`.
+    mass: Vec<Octet<R>>,
+}
+
+/// A step's constants.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub dt: f64,
+    pub drag_per_s: f64,
+    pub gravity: [f64; 3],
+    pub scheme: Scheme,
+}
+
+/// Sums over a brick, or over all.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Residue {
+    /// r·r.
+    pub rr: f64,
+    /// r·z.
+    pub rz: f64,
+}
+
+/// What a step saw in a brick, or in all.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Seen {
+    /// What rounding of displacements makes of b, squared and summed.
+    pub noise2: f64,
+    /// Largest |v|² of a node; infinite where any is not finite.
+    pub speed2: f64,
+    /// Largest |u|² of a node when the step began.
+    pub moved2: f64,
+    /// How cells are deformed.
+    pub deformed: Deformed,
+}
+
+impl<R: Real> System<R> {
+    /// At rest.
+    pub fn new(bricks: &Bricks, elasticity: Elasticity, laws: &[CellLaw; 16]) -> Self {
+        let (count, h) = (bricks.count(), bricks.model.lattice().cell_m());
+        let (rotations, frames) = at_rest(count);
+        let mut system = Self {
+            tables: Tables {
+                elasticity,
+                forces: Moduli::new(laws, h, |_| 1.0),
+                changes: Moduli::new(laws, h, |_| 0.0),
+                inverse_4h: 0.25 / h,
+                mass: vec![Octet::default(); count * BRICK_ROWS],
+            },
+            rotations,
+            frames,
+            inverse: vec![Octet::default(); count * BLOCK * BRICK_ROWS],
+            x: Field::zeros(count),
+            b: Field::zeros(count),
+            r: Field::zeros(count),
+            z: Field::zeros(count),
+            p: [Field::zeros(count), Field::zeros(count)],
+            q: Field::zeros(count),
+            pq: vec![0.0; count],
+            residues: vec![Residue::default(); count],
+            seen: vec![Seen::default(); count],
+        };
+        system.set_laws(bricks, laws);
+        system
+    }
+
+    /// Cells as they are without displacements.
+    pub fn reset(&mut self, bricks: &Bricks) {
+        (self.rotations, self.frames) = at_rest(bricks.count());
+        self.forget(bricks);
+    }
+
+    /// Nothing that is not finite stays anywhere.
+    pub fn forget(&mut self, bricks: &Bricks) {
+        self.p = [Field::zeros(bricks.count()), Field::zeros(bricks.count())];
+    }
+
+    /// The inverse of a slot's block on A's diagonal.
+    pub fn inverse(&self, slot: u32) -> Block {
+        let (octet, lane) = block_place(slot);
+        std::array::from_fn(|n| self.inverse[octet + n * BRICK_ROWS].0[lane].to_f64())
+    }
+
+    /// Replaces it.
+    pub fn set_inverse(&mut self, slot: u32, block: Block) {
+        let (octet, lane) = block_place(slot);
+        for (n, number) in block.into_iter().enumerate() {
+            self.inverse[octet + n * BRICK_ROWS].0[lane] = R::splat(number);
+        }
+    }
+
+    /// What the last step saw in all bricks.
+    pub fn seen(&self) -> Seen {
+        self.seen.iter().fold(Seen::default(), |all, brick| Seen {
+            noise2: all.noise2 + brick.noise2,
+            speed2: all.speed2.max(brick.speed2),
+            moved2: all.moved2.max(brick.moved2),
+            deformed: all.deformed.max(&brick.deformed),
+        })
+    }
+
+    /// How far nodes of a brick were from rest at most when the step began, in m.
+    pub fn moved(&self, brick: usize) -> f64 {
+        self.seen[brick].moved2.sqrt()
+    }
+
+    /// Other materials.
+    pub fn set_laws(&mut self, bricks: &Bricks, laws: &[CellLaw; 16]) {
+        let lattice = bricks.model.lattice();
+        self.tables.forces = Moduli::new(laws, lattice.cell_m(), |_| 1.0);
+        for slot in lattice.slots() {
+            let at = slot as usize;
+            let mass = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+            self.tables.mass[at / BRICK_SLOTS * BRICK_ROWS + at % BRICK_SLOTS / 8].0[at % 8] = R::splat(mass);
+        }
+    }
+
+    /// Stiffness in steps of a length.
+    pub fn set_step(&mut self, bricks: &Bricks, laws: &[CellLaw; 16], dt: f64) {
+        let h = bricks.model.lattice().cell_m();
+        self.tables.changes = Moduli::new(laws, h, |law| dt * (dt + law.damping_s));
+    }
+
+    /// Bytes of all this.
+    pub fn bytes(&self) -> u64 {
+        let octets = 7 * self.x.0.len()
+            + self.tables.mass.len()
+            + self.inverse.len()
+            + self.rotations.len()
+            + self.frames.len();
+        (octets * size_of::<Octet<R>>()) as u64
+    }
+
+    /// The parts of a step, for threads to share. Nothing else may touch the system while they are in use.
+    pub fn parts<'a>(
+        &'a mut self,
+        bricks: &'a Bricks,
+        flags: &'a [u8],
+        step: Step,
+        u: &'a mut Field<R>,
+        v: &'a mut Field<R>,
+    ) -> Parts<'a, R> {
+        let start = |field: &mut Field<R>| field.0.as_mut_ptr();
+        Parts {
+            bricks,
+            flags,
+            step,
+            tables: &self.tables,
+            u: u.0.as_mut_ptr(),
+            v: v.0.as_mut_ptr(),
+            x: start(&mut self.x),
+            b: start(&mut self.b),
+            r: start(&mut self.r),
+            z: start(&mut self.z),
+            p: self.p.each_mut().map(start),
+            q: start(&mut self.q),
+            inverse: self.inverse.as_mut_ptr(),
+            rotations: self.rotations.as_mut_ptr(),
+            frames: self.frames.as_mut_ptr(),
+            pq: self.pq.as_mut_ptr(),
+            residues: self.residues.as_mut_ptr(),
+            seen: self.seen.as_mut_ptr(),
+        }
+    }
+}
+
+/// The parts of a step, each done by threads that take runs of bricks of their own. Between two parts threads meet.
+///
+/// All are unsafe in the same way: every run is one thread's, and threads meet before another part reads across bricks what this one wrote.
+#[derive(Clone, Copy, Debug)]
+pub struct Parts<'a, R> {
+    pub bricks: &'a Bricks,
+    flags: &'a [u8],
+    pub step: Step,
+    tables: &'a Tables<R>,
+    /// Displacements and velocities at the start of the step.
+    pub u: *mut Octet<R>,
+    pub v: *mut Octet<R>,
+    /// Velocities at its end.
+    pub x: *mut Octet<R>,
+    pub b: *mut Octet<R>,
+    /// b − A x along free axes, and that preconditioned.
+    r: *mut Octet<R>,
+    z: *mut Octet<R>,
+    /// Directions, in turn, and A times the newer one, or A x.
+    pub p: [*mut Octet<R>; 2],
+    pub q: *mut Octet<R>,
+    inverse: *mut Octet<R>,
+    rotations: *mut Octet<R>,
+    frames: *mut Octet<R>,
+    pq: *mut f64,
+    residues: *mut Residue,
+    seen: *mut Seen,
+}
+
+// SAFETY: the pointers are to arrays that the system of the same borrow owns; who writes what when is said at `Parts`.
+unsafe impl<R: Real> Send for Parts<'_, R> {}
+// SAFETY: as above.
+unsafe impl<R: Real> Sync for Parts<'_, R> {}
+
+/// Eight numbers in memory.
+#[inline(always)]
+fn eight_of<L: Lanes>(eight: L) -> [f64; 8] {
+    let mut numbers = [L::Real::default(); 8];
+    // SAFETY: eight numbers.
+    unsafe { eight.store(numbers.as_mut_ptr()) };
+    numbers.map(Real::to_f64)
+}
+
+/// Their sum, in their order.
+#[inline(always)]
+fn sum_of<L: Lanes>(eight: L) -> f64 {
+    eight_of(eight).iter().sum()
+}
+
+/// The octet of a component of a row.
+#[inline(always)]
+fn at(brick: usize, row: usize, component: usize) -> usize {
+    brick * BRICK_OCTETS + component * BRICK_ROWS + row
+}
+
+impl<R: Real> Parts<'_, R> {
+    /// The vector of a slot. Alone, or where nobody writes the field.
+    pub unsafe fn vec3(&self, field: *const Octet<R>, slot: u32) -> Vec3 {
+        let (octet, lane) = place(slot);
+        // SAFETY: the caller's slot exists and nobody writes it.
+        Vec3::from_fn(|c, _| unsafe { (*field.add(octet + c * BRICK_ROWS)).0[lane].to_f64() })
+    }
+
+    /// Replaces the vector of a slot. Alone.
+    pub unsafe fn set(&self, field: *mut Octet<R>, slot: u32, value: Vec3) {
+        let (octet, lane) = place(slot);
+        for c in 0..3 {
+            // SAFETY: the caller's slot exists and nobody else touches it.
+            unsafe { (*field.add(octet + c * BRICK_ROWS)).0[lane] = R::splat(value[c]) };
+        }
+    }
+
+    /// p·q over all bricks, in their order.
+    pub unsafe fn pq(&self) -> f64 {
+        // SAFETY: threads have met since it was written.
+        (0..self.bricks.count()).map(|brick| unsafe { *self.pq.add(brick) }).sum()
+    }
+
+    /// r·r and r·z over all bricks, in their order.
+    pub unsafe fn residue(&self) -> Residue {
+        // SAFETY: as above.
+        let of = |brick: usize| unsafe { *self.residues.add(brick) };
+        (0..self.bricks.count())
+            .map(of)
+            .fold(Residue::default(), |all, brick| Residue { rr: all.rr + brick.rr, rz: all.rz + brick.rz })
+    }
+
+    #[inline(always)]
+    fn flags_of(&self, brick: usize, row: usize) -> &[u8; 8] {
+        let at = brick * BRICK_SLOTS + row * 8;
+        self.flags[at..at + 8].try_into().expect("a row has eight nodes")
+    }
+
+    /// Whether a row of a brick holds nodes.
+    #[inline(always)]
+    fn is_held(&self, brick: usize, row: usize) -> bool {
+        self.bricks.rows[brick] >> row & 1 != 0
+    }
+
+    /// Finds the frames of a run's cells, and how far its nodes are from rest.
+    #[inline(always)]
+    pub unsafe fn look<L: Lanes<Real = R>>(&self, run: Run) {
+        let t = self.tables;
+        for brick in run.first..run.end() {
+            let mut moved2 = L::splat(0.0);
+            for row in 0..BRICK_ROWS {
+                let mut u2 = L::splat(0.0);
+                for c in 0..3 {
+                    // SAFETY: octets of a brick of this thread's.
+                    unsafe {
+                        let u = L::load(self.u.add(at(brick, row, c)).cast());
+                        u2 = u.fma(u, u2);
+                    }
+                }
+                moved2 = moved2.max(u2);
+            }
+            let moved2 = eight_of(moved2).into_iter().fold(0.0, f64::max);
+            // SAFETY: the brick is this thread's, and nobody writes `u`.
+            unsafe {
+                let deformed = turn::<L>(
+                    self.bricks,
+                    brick,
+                    t.elasticity,
+                    &Plain(self.u),
+                    t.inverse_4h,
+                    self.rotations,
+                    self.frames,
+                );
+                *self.seen.add(brick) = Seen { deformed, moved2, ..Seen::default() };
+            }
+        }
+    }
+
+    /// Inverts the blocks on A's diagonal.
+    #[inline(always)]
+    pub unsafe fn invert<L: Lanes<Real = R>>(&self, run: Run) {
+        let t = self.tables;
+        let inertia = L::splat(1.0 + self.step.drag_per_s * self.step.dt);
+        let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        let law = Diagonal { moduli: &t.changes, frames: self.frames };
+        // SAFETY: as promised of parts.
+        unsafe {
+            gather::<L, BLOCK>(self.bricks, run, &Plain(self.u), &law, |brick, row, block, moved| {
+                let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
+                let [xx, xy, xz, yy, yz, zz] = block;
+                let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
+                let (x, y, z) = (xx.mul(moved[0]), yy.mul(moved[1]), zz.mul(moved[2]));
+                let noise = x.fma(x, y.fma(y, z.mul(z)));
+                (*self.seen.add(brick)).noise2 += sum_of(noise) * (epsilon / self.step.dt).powi(2);
+                let inverse = inverted([xx, xy, xz, yy, yz, zz]);
+                for n in 0..BLOCK {
+                    inverse[n].store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
+                }
+            });
+        }
+    }
+
+    /// Starts b with what acts on nodes without loads and contact, and x with velocities.
+    #[inline(always)]
+    pub unsafe fn begin<L: Lanes<Real = R>>(&self, run: Run) {
+        let (t, step) = (self.tables, self.step);
+        let dt = L::splat(step.dt);
+        let forces = Forces { moduli: &t.forces, frames: self.frames, elasticity: t.elasticity };
+        // SAFETY: as promised of parts.
+        unsafe {
+            gather::<L, 3>(self.bricks, run, &Plain(self.u), &forces, |brick, row, force, _| {
+                let mass = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast());
+                for c in 0..3 {
+                    let octet = at(brick, row, c);
+                    let v = L::load(self.v.add(octet).cast());
+                    let impulse = mass.fma(L::splat(step.gravity[c]), force[c]).mul(dt);
+                    let b = if step.scheme == Scheme::BackwardEuler { mass.fma(v, impulse) } else { impulse };
+                    b.store(self.b.add(octet).cast());
+                    v.store(self.x.add(octet).cast());
+                }
+            });
+        }
+    }
+
+    /// A times the nodes of `source`, handed on row by row with those themselves.
+    #[inline(always)]
+    unsafe fn product<L: Lanes<Real = R>>(
+        &self,
+        run: Run,
+        source: &impl Source<L>,
+        mut finish: impl FnMut(usize, usize, [L; 3], [L; 3]),
+    ) {
+        let t = self.tables;
+        let inertia = L::splat(1.0 + self.step.drag_per_s * self.step.dt);
+        let law = Changes { moduli: &t.changes, frames: self.frames };
+        // SAFETY: as promised of parts.
+        unsafe {
+            gather::<L, 3>(self.bricks, run, source, &law, |brick, row, force, own| {
+                let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
+                let mut product = force;
+                for c in 0..3 {
+                    product[c] = heavy.mul(own[c]).sub(force[c]);
+                }
+                finish(brick, row, product, own);
+            });
+        }
+    }
+
+    /// q = A x. The paper's scheme adds it to b, once, where `starts`.
+    #[inline(always)]
+    pub unsafe fn multiply<L: Lanes<Real = R>>(&self, run: Run, starts: bool) {
+        let adds = starts && self.step.scheme == Scheme::Paper;
+        // SAFETY: as promised of parts.
+        unsafe {
+            self.product::<L>(run, &Plain(self.x), |brick, row, product, _| {
+                for c in 0..3 {
+                    let octet = at(brick, row, c);
+                    product[c].store(self.q.add(octet).cast());
+                    if adds {
+                        let b = self.b.add(octet);
+                        L::load(b.cast()).add(product[c]).store(b.cast());
+                    }
+                }
+            });
+        }
+    }
+
+    /// p = z + β p₀ into the other direction, q = A p, and p·q.
+    #[inline(always)]
+    pub unsafe fn advance<L: Lanes<Real = R>>(&self, run: Run, beta: f64, turn: usize) {
+        let source = Onward { z: self.z, p: self.p[turn], beta };
+        for brick in run.first..run.end() {
+            // SAFETY: the brick is this thread's.
+            unsafe { *self.pq.add(brick) = 0.0 };
+        }
+        // SAFETY: as promised of parts.
+        unsafe {
+            self.product::<L>(run, &source, |brick, row, product, own| {
+                let mut pq = L::splat(0.0);
+                for c in 0..3 {
+                    let octet = at(brick, row, c);
+                    own[c].store(self.p[1 - turn].add(octet).cast());
+                    product[c].store(self.q.add(octet).cast());
+                    pq = own[c].fma(product[c], pq);
+                }
+                *self.pq.add(brick) += sum_of(pq);
+            });
+        }
+    }
+
+    /// x += α p and r −= α q, p being the direction that [`Self::advance`] wrote; z from r; r·r and r·z.
+    #[inline(always)]
+    pub unsafe fn relax<L: Lanes<Real = R>>(&self, run: Run, alpha: f64, turn: usize) {
+        let step = L::splat(alpha);
+        // SAFETY: octets of a brick of this thread's.
+        unsafe {
+            self.precondition::<L>(run, |octet| {
+                let (x, p) = (self.x.add(octet), self.p[1 - turn].add(octet));
+                L::load(p.cast()).fma(step, L::load(x.cast())).store(x.cast());
+                step.take_from(L::load(self.q.add(octet).cast()), L::load(self.r.add(octet).cast()))
+            });
+        }
+    }
+
+    /// r = b − q; z from r; r·r and r·z.
+    #[inline(always)]
+    pub unsafe fn renew<L: Lanes<Real = R>>(&self, run: Run) {
+        // SAFETY: octets of a brick of this thread's.
+        unsafe {
+            self.precondition::<L>(run, |octet| {
+                L::load(self.b.add(octet).cast()).sub(L::load(self.q.add(octet).cast()))
+            });
+        }
+    }
+
+    /// Stores the r that `left` gives, along free axes, and what follows from it.
+    #[inline(always)]
+    unsafe fn precondition<L: Lanes<Real = R>>(&self, run: Run, left: impl Fn(usize) -> L) {
+        for brick in run.first..run.end() {
+            let (mut rr, mut rz) = (L::splat(0.0), L::splat(0.0));
+            for row in 0..BRICK_ROWS {
+                if !self.is_held(brick, row) {
+                    continue;
+                }
+                let flags = self.flags_of(brick, row);
+                let mut r = [L::splat(0.0); 3];
+                let mut block = [L::splat(0.0); BLOCK];
+                // SAFETY: octets of a brick of this thread's.
+                unsafe {
+                    for c in 0..3 {
+                        r[c] = free(left(at(brick, row, c)), flags, c);
+                    }
+                    for n in 0..BLOCK {
+                        block[n] = L::load(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
+                    }
+                    let z = applied(&block, r);
+                    for c in 0..3 {
+                        let z = free(z[c], flags, c);
+                        r[c].store(self.r.add(at(brick, row, c)).cast());
+                        z.store(self.z.add(at(brick, row, c)).cast());
+                        rr = r[c].fma(r[c], rr);
+                        rz = r[c].fma(z, rz);
+                    }
+                }
+            }
+            // SAFETY: the brick is this thread's.
+            unsafe { *self.residues.add(brick) = Residue { rr: sum_of(rr), rz: sum_of(rz) } };
+        }
+    }
+
+    /// The largest speed at the end of the step.
+    #[inline(always)]
+    pub unsafe fn measure<L: Lanes<Real = R>>(&self, run: Run) {
+        for brick in run.first..run.end() {
+            let mut most = 0.0_f64;
+            for row in 0..BRICK_ROWS {
+                if !self.is_held(brick, row) {
+                    continue;
+                }
+                let mut v2 = L::splat(0.0);
+                for c in 0..3 {
+                    // SAFETY: octets of a brick of this thread's.
+                    let x = unsafe { L::load(self.x.add(at(brick, row, c)).cast()) };
+                    v2 = x.fma(x, v2);
+                }
+                for x in eight_of(v2) {
+                    most = if x.is_finite() { most.max(x) } else { f64::INFINITY };
+                }
+            }
+            // SAFETY: the brick is this thread's.
+            unsafe { (*self.seen.add(brick)).speed2 = most };
+        }
+    }
+
+    /// Whether no node goes further than tissue may be, nor nowhere finite.
+    pub unsafe fn is_sound(&self) -> bool {
+        // SAFETY: threads have met since it was written.
+        let speeds = (0..self.bricks.count()).map(|brick| unsafe { (*self.seen.add(brick)).speed2 });
+        speeds.fold(0.0, f64::max).sqrt() * self.step.dt < FAR_M
+    }
+
+    /// u += dt x and v = x.
+    #[inline(always)]
+    pub unsafe fn go<L: Lanes<Real = R>>(&self, run: Run) {
+        let dt = L::splat(self.step.dt);
+        for brick in run.first..run.end() {
+            for row in 0..BRICK_ROWS {
+                for c in 0..3 {
+                    let octet = at(brick, row, c);
+                    // SAFETY: octets of a brick of this thread's.
+                    unsafe {
+                        let (x, u) = (L::load(self.x.add(octet).cast()), self.u.add(octet));
+                        x.fma(dt, L::load(u.cast())).store(u.cast());
+                        x.store(self.v.add(octet).cast());
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The octet and lane of a slot's x component in a field.
+fn place(slot: u32) -> (usize, usize) {
+    let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+    (brick * BRICK_OCTETS + local / 8, local % 8)
+}
+
+/// Likewise of the first number of its block.
+fn block_place(slot: u32) -> (usize, usize) {
+    let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+    (brick * BLOCK * BRICK_ROWS + local / 8, local % 8)
+}
+
+/// Nothing where a component is held.
+#[inline(always)]
+fn free<L: Lanes>(v: L, flags: &[u8; 8], component: usize) -> L {
+    v.free(flags, flag::FIX_X << component).free(flags, flag::GRASPED)
+}
+
+/// A symmetric matrix times a vector.
+#[inline(always)]
+fn applied<L: Lanes>(m: &[L; BLOCK], v: [L; 3]) -> [L; 3] {
+    let [xx, xy, xz, yy, yz, zz] = *m;
+    [
+        xx.fma(v[0], xy.fma(v[1], xz.mul(v[2]))),
+        xy.fma(v[0], yy.fma(v[1], yz.mul(v[2]))),
+        xz.fma(v[0], yz.fma(v[1], zz.mul(v[2]))),
+    ]
+}
+
+/// The inverse of a symmetric matrix; of nothing, nothing that is finite and wrong.
+#[inline(always)]
+fn inverted<L: Lanes>(m: [L; BLOCK]) -> [L; BLOCK] {
+    let [xx, xy, xz, yy, yz, zz] = m;
+    let minor = |a: L, d: L, b: L, c: L| a.mul(d).sub(b.mul(c));
+    let (cxx, cxy, cxz) = (minor(yy, zz, yz, yz), minor(xz, yz, xy, zz), minor(xy, yz, xz, yy));
+    let determinant = xx.fma(cxx, xy.fma(cxy, xz.mul(cxz)));
+    // Places without a node have a matrix of zeros; what they hold is nothing before and after.
+    let scale = L::splat(1.0).div(determinant.max(L::splat(f64::from(f32::MIN_POSITIVE))));
+    [cxx, cxy, cxz, minor(xx, zz, xz, xz), minor(xy, xz, xx, yz), minor(xx, yy, xy, xy)].map(|c| c.mul(scale))
+}

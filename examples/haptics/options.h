@@ -16,13 +16,13 @@ struct Options {
     unsigned threads = 0;           // of the simulation; 0 leaves one core to the servo
     bool is_virtual = false;        // emulator: virtual time, the same numbers each time
     bool is_hosted = false;         // a thread of this program steps, not one of the library
-    bool is_direct = false;         // the tool is where the device is, and does not hang on a spring
+    bool is_direct = true;          // the tool is where the device is, and does not hang on a spring: README.md says why
     std::string labels, csv = "haptics.csv", motion = "press", device;
     std::vector<std::string> uses;  // LABEL=PRESET
 
     static constexpr const char *HELP =
         "haptics [--seconds 10] [--labels FILE LABEL=PRESET ...] [--cell MM] [--cap KPA] [--scale 1] [--threads N]\n"
-        "        [--at 0.5,0.25] [--drive thread|host] [--coupling virtual|direct] [--csv haptics.csv] [--device NAME]\n"
+        "        [--at 0.5,0.25] [--drive thread|host] [--coupling direct|virtual] [--csv haptics.csv] [--device NAME]\n"
         "        [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
         "--motion and --virtual need the emulator; in virtual time this program steps.\n";
 

@@ -20,9 +20,6 @@ pub struct ContactModel {
     pub stiffness: Mat6,
     /// B, likewise, per second.
     pub damping: Mat6,
-    /// The mass of the tissue that moves at once with the tool, as it is felt in the hand's time, in kg: tissue that is as fast as life has its own, and tissue
-    /// n times slower n² times that. Only a proxy looks at it, which is at least as heavy as that. What [`Patch::mass_kg`](super::patch::Patch::mass_kg) makes.
-    pub mass_kg: f64,
     /// Unit direction in which the tissue pushes the tool away; zero where nothing is touched, or where the tool is held from several
     /// sides and leaving one is entering another. What [`push_direction`] makes.
     pub push: Vec3,
@@ -55,7 +52,6 @@ impl ContactModel {
             motion: ToolMotion::at(Pose::identity()),
             stiffness: Mat6::zeros(),
             damping: Mat6::zeros(),
-            mass_kg: 0.0,
             push: Vec3::zeros(),
             time_s: 0.0,
             period_s: 0.0,
@@ -72,7 +68,6 @@ impl ContactModel {
             && all_finite(self.push.as_slice())
             && all_finite(self.stiffness.as_slice())
             && all_finite(self.damping.as_slice())
-            && self.mass_kg.is_finite()
             && self.period_s.is_finite()
     }
 
@@ -133,7 +128,6 @@ impl ContactModel {
             motion: *motion,
             stiffness: there(&self.stiffness, a_left).zip_map(&there(&other.stiffness, b_left), mix),
             damping: there(&self.damping, a_left).zip_map(&there(&other.damping, b_left), mix),
-            mass_kg: mix(self.mass_kg, other.mass_kg),
             push: push.try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
             ..*other
         }
@@ -156,7 +150,6 @@ impl ContactModel {
             linear_m_s: motion.linear_m_s,
             stiffness: there(stiffness),
             damping: there(damping),
-            mass_kg: self.mass_kg,
             push: self.push,
         }
     }
@@ -174,8 +167,6 @@ pub struct StraightLaw {
     pub stiffness: Mat3,
     /// Likewise, in N s/m.
     pub damping: Mat3,
-    /// As [`ContactModel::mass_kg`].
-    pub mass_kg: f64,
     /// As [`ContactModel::push`].
     pub push: Vec3,
 }
@@ -184,7 +175,7 @@ impl StraightLaw {
     /// Nothing is touched.
     pub fn none() -> Self {
         let (zero, none) = (Vec3::zeros(), Mat3::zeros());
-        Self { force_n: zero, linear_m_s: zero, stiffness: none, damping: none, mass_kg: 0.0, push: zero }
+        Self { force_n: zero, linear_m_s: zero, stiffness: none, damping: none, push: zero }
     }
 
     /// The law between this one (`share` 0) and another around the same motion (1).
@@ -195,7 +186,6 @@ impl StraightLaw {
             linear_m_s: other.linear_m_s,
             stiffness: self.stiffness.zip_map(&other.stiffness, mix),
             damping: self.damping.zip_map(&other.damping, mix),
-            mass_kg: mix(self.mass_kg, other.mass_kg),
             push: self.push.zip_map(&other.push, mix).try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
         }
     }

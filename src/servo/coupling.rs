@@ -10,13 +10,9 @@
 //! spring in series: tissue of K feels like K K_vc / (K + K_vc), 106 N/m of 125 N/m with 700 N/m. Friction comes through undiminished,
 //! because a spring in series takes no force away.
 //!
-//! In the air and on fine tissue the proxy has hardly a mass: at each tick its velocity is what makes spring, damper and tissue balance, taken implicitly, so
-//! that it is stable whatever the stiffness (as the quasi-static tools of Wan and McNeely 2003), and a free tool feels free. In touch it is a body as heavy as the
-//! tissue that moves with it ([`ContactModel::mass_kg`]). A solver takes the tool's motion as it is, and answers a change of its velocity with the inertia
-//! of the nodes that it touches: over a tick of 1 ms a gram is as stiff as 1000 N/m, more than the spring. A proxy without mass is thrown out by that,
-//! snaps back as soon as it is free, strikes again, and shakes the tissue until it tears. A damper between it and its device lets it come to rest without
-//! swinging; the hand does not feel that damper, only the spring that it leaves. And the spring pulls the proxy with no more than the device renders: tissue
-//! shall not bear what no hand feels.
+//! The proxy has no mass: at each tick its velocity is what makes spring, damper and tissue balance, taken implicitly, so that it is stable whatever
+//! the stiffness (as the quasi-static tools of Wan and McNeely 2003). In the air the balance is no force at all: a free tool feels free.
+//! The spring pulls the proxy with no more than the device renders: tissue shall not bear what no hand feels.
 
 use nalgebra::Cholesky;
 
@@ -29,13 +25,6 @@ use super::safety::at_most;
 use crate::error::{Error, Result};
 use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6};
 use crate::solver::tool::{ToolMotion, Wrench};
-
-/// Time in which a proxy that has left the tissue loses the mass that it carried, in s: longer than it takes to come back.
-const CARRY_S: f64 = 0.1;
-/// Less than this, in kg, is no mass: a tool in the air is to be just where its device is.
-const LEAST_KG: f64 = 1e-3;
-/// Its radius of gyration in m: that of a short stylus.
-const GYRATION_M: f64 = 0.03;
 
 /// How the tool follows the device.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,8 +125,6 @@ pub struct Proxy {
     spring: VirtualCoupling,
     stiffness: Mat6,
     damping: Mat6,
-    /// What it carries, in kg.
-    mass_kg: f64,
     /// How far from its device the spring pulls the proxy with all that the device renders, in m and rad. Farther away it pulls no more.
     stretch: BlockLimit,
     turns_freely: bool,
@@ -148,7 +135,6 @@ impl Proxy {
     /// Where the device is.
     pub fn new(coupling: &VirtualCoupling, desc: &DeviceDesc, device: &ToolMotion) -> Self {
         Self {
-            mass_kg: 0.0,
             stretch: BlockLimit {
                 linear: desc.max_force_n / coupling.stiffness_n_per_m,
                 // Without a torsional spring nothing is pulled.
@@ -170,20 +156,6 @@ impl Proxy {
     /// Puts it where the device is, without any force.
     pub fn reset(&mut self, device: &ToolMotion) {
         self.motion = *device;
-        self.mass_kg = 0.0;
-    }
-
-    /// Takes up the mass of what is touched, or loses that of what was.
-    fn carry(&mut self, mass_kg: f64, dt: f64) {
-        let left = self.mass_kg * (1.0 - dt / CARRY_S).max(0.0);
-        self.mass_kg = mass_kg.max(if left < LEAST_KG { 0.0 } else { left });
-    }
-
-    /// The damper that the hand does not feel: what brings the proxy alone to rest soonest, in N s/m and N m s/rad.
-    fn calming(&self) -> BlockLimit {
-        let VirtualCoupling { stiffness_n_per_m: linear, stiffness_n_m_per_rad: angular, .. } = self.spring;
-        let root = 2.0 * self.mass_kg.sqrt();
-        BlockLimit { linear: root * linear.sqrt(), angular: root * GYRATION_M * angular.sqrt() }
     }
 
     /// Whether it has a spring against turning; without, it turns with its device, and [`Self::advance_straight`] will do.
@@ -206,7 +178,6 @@ impl Proxy {
         if dt > 0.0 {
             let way = device.pose.translation.vector - self.motion.pose.translation.vector;
             let (way, _) = at_most(way, self.stretch.linear);
-            self.carry(law.mass_kg, dt);
             let mut moving = self.balance(law, way, device, dt);
             if moving.is_some_and(|v| law.has_left(v, dt)) {
                 // As below.
@@ -228,21 +199,15 @@ impl Proxy {
         [pull + faster * self.spring.damping_n_s_per_m, pull]
     }
 
-    /// The velocity of (m / dt + d + b + B + dt (k + K)) v = m v' / dt + F + B v₀ + k way + (d + b) v_d, where v' is the one before.
+    /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d.
     fn balance(&self, law: &StraightLaw, way: Vec3, device: &ToolMotion, dt: f64) -> Option<Vec3> {
         let VirtualCoupling { stiffness_n_per_m: k, damping_n_s_per_m: b, .. } = self.spring;
-        let (inertia, damper) = (self.mass_kg / dt, b + self.calming().linear);
-        let resistance =
-            law.damping + law.stiffness * dt + Mat3::from_diagonal_element(inertia + damper + k * dt);
-        let load = law.force_n
-            + self.motion.linear_m_s * inertia
-            + law.damping * law.linear_m_s
-            + way * k
-            + device.linear_m_s * damper;
+        let resistance = law.damping + law.stiffness * dt + Mat3::from_diagonal_element(b + k * dt);
+        let load = law.force_n + law.damping * law.linear_m_s + way * k + device.linear_m_s * b;
         solve(&resistance, load)
     }
 
-    /// Moves the proxy as spring, damper and tissue have it in `dt` seconds, and gives the wrench that the device feels, and what of it lasts: the
+    /// Moves the proxy to where spring, damper and tissue balance after `dt` seconds, and gives the wrench that the device feels, and what of it lasts: the
     /// spring's share, without the damper's, which goes with the motion. `law` is the tissue's, around the proxy's motion.
     pub fn advance(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) -> [Wrench; 2] {
         if !self.turns_freely {
@@ -253,7 +218,6 @@ impl Proxy {
         }
         if dt > 0.0 {
             let start = self.motion;
-            self.carry(law.mass_kg, dt);
             self.move_against(law, device, dt);
             if law.has_left(&self.motion) {
                 // The line through the tissue's force would have to pull to hold it there: it is in the air.
@@ -266,17 +230,13 @@ impl Proxy {
         [pull + self.damping * faster, pull].map(|w| wrench(&w))
     }
 
-    /// One implicit step, with the same terms.
+    /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d.
     fn move_against(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) {
-        let inertia = isotropic(self.mass_kg, self.mass_kg * GYRATION_M * GYRATION_M) / dt;
-        let BlockLimit { linear: calming, angular: turning } = self.calming();
-        let damper = self.damping + isotropic(calming, turning);
-        let resistance = inertia + damper + law.damping + (self.stiffness + law.stiffness) * dt;
-        let load = stacked(&law.wrench) + inertia * velocity(&self.motion)
-            - law.stiffness * displacement(&law.motion.pose, &self.motion.pose)
+        let resistance = self.damping + law.damping + (self.stiffness + law.stiffness) * dt;
+        let load = stacked(&law.wrench) - law.stiffness * displacement(&law.motion.pose, &self.motion.pose)
             + law.damping * velocity(&law.motion)
             + self.stiffness * self.stretched(&displacement(&self.motion.pose, &device.pose))
-            + damper * velocity(device);
+            + self.damping * velocity(device);
         let moving = Cholesky::new(resistance).map(|factor| factor.solve(&load));
         let moved = moving.map(|v| self.moved(&v, dt)).filter(|moved| is_within_reach(moved, device));
         // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
@@ -374,7 +334,7 @@ mod tests {
         let turned = Pose::new(Vec3::new(1e-3, 0.0, -2e-3), Vec3::new(0.0, 2e-3, 1e-3));
         let device = ToolMotion { angular_rad_s: Vec3::new(0.0, 2.0, 1.0), ..ToolMotion::at(turned) };
         let felt = proxy.advance(&law, &device, DT)[0].force_n;
-        // Without a mass, what the coupling pulls with is what the tissue pushes back with, where it then is.
+        // Massless: what the coupling pulls with is what the tissue pushes back with, where it then is.
         let tissue = law.evaluate(proxy.motion()).force_n;
         assert!((felt - tissue).norm() < 1e-9, "{felt} against {tissue}");
         assert_eq!(proxy.motion().pose.rotation, turned.rotation);
@@ -504,32 +464,6 @@ mod tests {
     }
 
     #[test]
-    fn a_proxy_that_tissue_throws_out_does_not_strike_back() {
-        // Ten grams of tissue that move where the tool pushes them, 0.2 mm deep from one tick to the next: 2 N, and nothing afterwards.
-        for desc in [turning_device(), DeviceDesc::touch()] {
-            let device = at(0.0, -2e-4);
-            let mut proxy = Proxy::new(&VirtualCoupling::of(&desc), &desc, &device);
-            let struck = ContactModel {
-                wrench: Wrench { force_n: Vec3::z() * 2.0, ..Wrench::default() },
-                motion: device,
-                mass_kg: 10e-3,
-                push: Vec3::z(),
-                ..ContactModel::none()
-            };
-            proxy.advance(&struck, &device, DT);
-            let mut last = proxy.motion().pose.translation.z;
-            assert!(last < 0.0, "not even out of the tissue: {last} m");
-            for _ in 0..100 {
-                proxy.advance(&ContactModel::none(), &device, DT);
-                let z = proxy.motion().pose.translation.z;
-                assert!(last - z < 3e-5, "back slower than 30 mm/s: {z} m after {last} m");
-                last = z;
-            }
-            assert!((last - device.pose.translation.z).abs() < 1e-6, "and there it is: {last} m");
-        }
-    }
-
-    #[test]
     fn friction_is_felt_in_full() {
         // Coulomb friction of 0.4 at 1 N: sticks by 500 N/m to where it last slid, and slides.
         let mut proxy =
@@ -574,7 +508,7 @@ mod tests {
             point_m: Vec3::new(0.04, 0.0, -0.03),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1e3 },
+            tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0 },
             sticks: true,
         };
         let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };

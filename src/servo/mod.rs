@@ -32,7 +32,7 @@
 //! # let (motion, wrench, contacts) = (ToolMotion::at(Pose::identity()), Wrench::default(), Vec::<Contact>::new());
 //! # let (time_s, period_s, stamp_s, sequence) = (0.0, 1e-3, 0.0, 1);
 //! let tissue =
-//!     |_material| Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1e3 };
+//!     |_material| Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0 };
 //! let patch = Patch::of(&contacts, tissue, 0.2, 2e-3);
 //! let found = estimator.update(patch.as_ref(), &motion, &wrench, period_s);
 //! models.publish(ContactModel {
@@ -40,7 +40,6 @@
 //!     motion,
 //!     stiffness: found.stiffness,
 //!     damping: found.damping,
-//!     mass_kg: patch.map_or(0.0, |patch| patch.mass_kg(4e-3)),
 //!     push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
 //!     time_s,
 //!     period_s,

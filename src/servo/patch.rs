@@ -13,8 +13,6 @@ pub struct Tissue {
     pub poisson: f64,
     /// Its viscosity as a share of its stiffness, in s: the β of Rayleigh's damping.
     pub relaxation_s: f64,
-    /// Density in kg/m³.
-    pub density_kg_m3: f64,
 }
 
 /// What is known of a tool's contact. World axes.
@@ -70,7 +68,6 @@ impl Patch {
                 young_pa: mean(&|c| tissue(c.material).young_pa),
                 poisson: mean(&|c| tissue(c.material).poisson),
                 relaxation_s: mean(&|c| tissue(c.material).relaxation_s),
-                density_kg_m3: mean(&|c| tissue(c.material).density_kg_m3),
             },
             sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
         })
@@ -95,13 +92,6 @@ impl Patch {
         stiffness.fixed_view_mut::<3, 3>(3, 3).copy_from(&(-arm * springs * arm));
         stiffness
     }
-
-    /// A mass, in kg, not below that of the tissue that moves at once with a tool that touches it here, in cells of edge `cell_m`: that of the surface's nodes
-    /// within a cell of the contact, each with half a cell's mass, twenty times, for a point that hangs on bone for the most part moves little of what it weighs.
-    pub fn mass_kg(&self, cell_m: f64) -> f64 {
-        let reach = self.radius_m + cell_m;
-        20.0 * self.tissue.density_kg_m3 * std::f64::consts::PI * reach * reach * 0.5 * cell_m
-    }
 }
 
 #[cfg(test)]
@@ -110,7 +100,7 @@ mod tests {
     use super::*;
     use crate::math::Vec6;
 
-    const SOFT: Tissue = Tissue { young_pa: 5e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1e3 };
+    const SOFT: Tissue = Tissue { young_pa: 5e3, poisson: 0.45, relaxation_s: 0.0 };
 
     /// A flat tip of 5 mm on E* = 12.5 kPa, incompressible.
     fn patch() -> Patch {
@@ -118,7 +108,7 @@ mod tests {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0, density_kg_m3: 1e3 },
+            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0 },
             sticks: true,
         }
     }
@@ -166,23 +156,16 @@ mod tests {
     #[test]
     fn points_of_a_hertzian_contact_give_its_circle() {
         let tissue = |material| match material {
-            1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3, density_kg_m3: 900.0 },
-            _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3, density_kg_m3: 1100.0 },
+            1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3 },
+            _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3 },
         };
         let found = Patch::of(&hertzian(0.0), tissue, 0.0, 1e-3).unwrap();
         assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
         assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
         // A line of points more on one half than on the other.
-        let Tissue { young_pa, poisson, relaxation_s, density_kg_m3 } = found.tissue;
+        let Tissue { young_pa, poisson, relaxation_s } = found.tissue;
         assert!((young_pa - 5e3).abs() < 30.0 && (poisson - 0.44).abs() < 2e-3, "{found:?}");
-        assert!((relaxation_s - 2e-3).abs() < 5e-5 && (density_kg_m3 - 1e3).abs() < 5.0, "{found:?}");
-    }
-
-    #[test]
-    fn a_tool_carries_more_than_the_surface_around_its_contact() {
-        // A circle of 5 + 3 mm, 1.5 mm thick.
-        let surface = 1e3 * std::f64::consts::PI * 8e-3 * 8e-3 * 1.5e-3;
-        assert!((patch().mass_kg(3e-3) - 20.0 * surface).abs() < 1e-12);
+        assert!((relaxation_s - 2e-3).abs() < 5e-5, "{found:?}");
     }
 
     #[test]

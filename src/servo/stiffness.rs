@@ -154,7 +154,7 @@ mod tests {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0, density_kg_m3: 1e3 },
+            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0 },
             sticks: true,
         }
     }

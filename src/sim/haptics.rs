@@ -13,9 +13,6 @@ use crate::solver::tool::{Contact, ToolForce, ToolMotion};
 
 use super::tool_port::Asked;
 
-/// Tissue that is slower than life by more than this is not felt as heavier still: no hand could move it.
-const SLOWEST: f64 = 30.0;
-
 /// Makes the contact models of one tool.
 #[derive(Debug)]
 pub(super) struct Haptics {
@@ -55,12 +52,11 @@ impl Haptics {
     ) -> ContactModel {
         let tissue = |material: u8| {
             let found = usize::from(material).checked_sub(1).and_then(|index| materials.get(index));
-            let none = Tissue { young_pa: 0.0, poisson: 0.25, relaxation_s: 0.0, density_kg_m3: 0.0 };
+            let none = Tissue { young_pa: 0.0, poisson: 0.25, relaxation_s: 0.0 };
             found.map_or(none, |material| Tissue {
                 young_pa: material.young_pa,
                 poisson: material.poisson,
                 relaxation_s: material.damping_s,
-                density_kg_m3: material.density_kg_m3,
             })
         };
         // A lattice gives way no more narrowly than over a circle as large as a cell's face.
@@ -71,16 +67,12 @@ impl Haptics {
         // On the servo's own clock where it moves on, because the servo fades and ages by that one: a host may let time pass as it likes.
         let stamped = asked.stamp_s - std::mem::replace(&mut self.stamp_s, asked.stamp_s);
         let period_s = if stamped > 0.0 { Some(stamped) } else { since }.unwrap_or(duration);
-        // What moves n times slower is as heavy to the hand as n² times its mass.
-        let slowness = (period_s / duration).clamp(1.0, SLOWEST);
-        let mass_kg = patch.as_ref().map_or(0.0, |patch| patch.mass_kg(self.cell_m));
         self.sequence += 1;
         ContactModel {
             wrench: felt.wrench,
             motion: asked.motion,
             stiffness: found.stiffness,
             damping: found.damping,
-            mass_kg: mass_kg * slowness * slowness,
             push: patch.map_or(Vec3::zeros(), |patch| patch.normal),
             time_s: felt.time_s,
             period_s,

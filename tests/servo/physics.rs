@@ -56,7 +56,6 @@ impl Tissue {
                 young_pa: modulus * (1.0 - poisson * poisson) * doubt,
                 poisson,
                 relaxation_s: if let Self::Linear { relaxation_s, .. } = *self { relaxation_s } else { 0.0 },
-                density_kg_m3: 1e3,
             },
             sticks: true,
         }
@@ -137,7 +136,6 @@ impl Physics {
             motion: *tool,
             stiffness,
             damping,
-            mass_kg: 0.0,
             push: if is_touching { Vec3::z() } else { Vec3::zeros() },
             time_s: f64::from(self.tick) * self.tick_s,
             period_s,

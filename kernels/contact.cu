@@ -20,8 +20,8 @@ constexpr int LANES = 8, GROUPS = THREADS / LANES;
 // Couplings that a thread keeps in registers.
 constexpr int HELD = MAX_COUPLED / LANES;
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest that the first one found.
-constexpr int ITERATIONS = 64;
-constexpr float CONVERGED = 1e-3f;
+constexpr int ITERATIONS = 256;
+constexpr float CONVERGED = 3e-4f;
 // Of a point's mobility, how much must belong to free nodes for the point to count as movable.
 constexpr float MOVABLE = 1e-3f;
 // Most points of one site: more tools than that do not meet in one place.

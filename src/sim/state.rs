@@ -390,14 +390,15 @@ impl State {
         let laws = &self.body.laws;
         // Velocities of the lattice lag by half a substep.
         let half = if self.desc.method == Method::Lattice { 0.5 * self.statistics.substep_s } else { 0.0 };
-        let (gravity, accelerations) = (self.gravity(), self.solver.accelerations());
+        let gravity = self.gravity();
+        let accelerations = if half > 0.0 { self.solver.accelerations() } else { Vec::new() };
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
         for slot in lattice.slots() {
             let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
             // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
             let flags = self.body.flags[slot as usize];
-            let a = accelerations[slot as usize] + gravity;
+            let a = accelerations.get(slot as usize).map_or(Vec3::zeros(), |a| a + gravity);
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
             });
@@ -655,7 +656,8 @@ impl State {
         Error::Diverged {
             time_s,
             reason: format!(
-                "a node moved further than a cell, or nowhere finite, in a substep of {dt:.3e} s"
+                "a node moved further than a cell (of the meshless model, than the body is large), or nowhere finite, in a \
+                 substep of {dt:.3e} s"
             ),
         }
     }

@@ -30,7 +30,8 @@ pub struct Statistics {
     pub awake_bricks: u64,
     /// All nodes.
     pub node_count: u64,
-    /// Largest |1 - L / l| of an edge spring in the last substep, l being its length and L its rest length.
+    /// Largest |1 - L / l| of an edge spring in the last substep, l being its length and L its rest length; of the meshless model the largest strain along a cell's
+    /// own axes when the last step began.
     pub max_strain: f64,
     /// Smallest and largest volume ratio J of a cell with ν > ¼ in the last substep.
     pub volume_ratio: [f64; 2],

@@ -5,17 +5,19 @@ use std::sync::Arc;
 use palpate::cpu::efg::route::EfgReal;
 use palpate::cpu::efg::solver::EfgSolver;
 use palpate::error::Error;
-use palpate::math::{Mat3, Quat, Vec3};
+use palpate::math::{Mat3, Pose, Quat, Vec3};
 use palpate::model::efg::energy::elastic_j;
-use palpate::model::{Build, Model};
+use palpate::model::{Build, LabelUse, Model};
 use palpate::sim::{Precision, SimDesc};
 use palpate::solver::Solver;
 use palpate::solver::load::Load;
 use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 use palpate::solver::tool::ToolDesc;
 
-use super::elastic::{BEAM, BEAM_DENSITY, timoshenko};
-use super::scene::{Body, Noise, block, exact, faces_at, hold, material, roller, step_to, touch_flat_top};
+use super::elastic::{BEAM, cantilever, timoshenko};
+use super::scene::{
+    Body, Noise, block, exact, faces_at, hold, material, roller, step_to, touch_flat_top, voxels,
+};
 use super::tolerance::{self as tol, Claim};
 
 const H: f64 = 0.01;
@@ -162,13 +164,7 @@ fn a_cantilever_converges_to_timoshenko_without_locking_or_hourglass() {
     ] {
         let mut ratios = Vec::new();
         for (cells, reference) in [2, 4, 8].into_iter().zip(references) {
-            let (half, h) = (cells / 2, BEAM / cells as f64);
-            let mut build = block([8 * cells, half, half], h, material(YOUNG, poisson, BEAM_DENSITY));
-            roller(&mut build, 0);
-            roller(&mut build, 1);
-            hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true, true, false]);
-            hold(&mut build, Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.0, 1.0, 0.0), [false, false, true]);
-            let mut body = Body::new(&build, &SimDesc { step_s: 1.0, ..statics(Elasticity::Corotated) });
+            let mut body = cantilever(cells, poisson, &statics(Elasticity::Corotated));
             let tip = 1e-4 * length;
             let force = tip / timoshenko(poisson, length).0;
             let traction_pa = Vec3::z() * (force / (BEAM * BEAM));
@@ -372,6 +368,88 @@ fn a_hanging_bar_settles_at_half_its_weight() {
     let sag = 1000.0 * gravity * length * length / (2.0 * YOUNG);
     claim.check(tol::SAG, "tip", body.mean_over_plane(0, length, &body.u()).x / sag - 1.0);
     assert!(body.v().iter().all(|v| *v == Vec3::zeros()));
+}
+
+/// A block with a rigid block in its middle third, held at its base.
+fn with_bone() -> Build {
+    let label = |cell: [usize; 3]| if cell.iter().all(|&i| (3..6).contains(&i)) { 2 } else { 1 };
+    let bone = LabelUse::Rigid(material(1e9, 0.3, 1900.0));
+    let uses = [(1, LabelUse::Tissue(material(YOUNG, 0.45, 1000.0))), (2, bone)];
+    let mut build = voxels([9; 3], H, label, &uses);
+    hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
+    build
+}
+
+#[test]
+fn a_driven_bone_stays_where_it_was_taken() {
+    let mut body = Body::new(&with_bone(), &SimDesc { method: Method::Efg(EfgDesc::default()), ..exact() });
+    let way = Vec3::new(2e-3, 0.0, 1e-3);
+    body.sim.drive_region(2, &Pose::translation(way.x, way.y, way.z)).unwrap();
+    body.steps(20);
+    let slots = body.sim.model().regions()[&2].clone();
+    let u = body.u();
+    for (slot, u) in body.slots.iter().zip(&u).filter(|(slot, _)| slots.contains(slot)) {
+        assert!((u - way).norm() < 1e-12, "slot {slot} is at {u}");
+    }
+    let pulled = u.iter().map(Vec3::norm).sum::<f64>();
+    assert!(pulled > way.norm() * slots.len() as f64 * 1.5, "tissue comes along");
+}
+
+#[test]
+fn bone_is_as_stiff_a_wall_whatever_the_step() {
+    let mut claim = Claim::new("EFG wall");
+    let felt = |dt: f64| {
+        let mut build = voxels([4; 3], H, |_| 2, &[(2, LabelUse::Rigid(material(1e9, 0.3, 1900.0)))]);
+        build.uses.insert(1, LabelUse::Tissue(material(YOUNG, 0.45, 1000.0)));
+        build.grid = palpate::model::grid::LabelGrid::new(
+            [4; 3],
+            Vec3::repeat(H),
+            Pose::translation(0.5 * H, 0.5 * H, 0.5 * H),
+            (0..64).map(|n| if n < 16 { 1 } else { 2 }).collect(),
+        )
+        .unwrap();
+        touch_flat_top(&mut build, [4; 3], H);
+        let mut body =
+            Body::new(&build, &SimDesc { step_s: dt, method: Method::Efg(EfgDesc::default()), ..exact() });
+        let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.0, ..ToolDesc::sphere(0.01) }).unwrap();
+        let at = Vec3::new(0.02, 0.02, 4.0 * H + 0.01 - 1e-3);
+        (0..3).map(|_| step_to(&mut body, &mut tool, at).wrench.force_n.z).last().unwrap()
+    };
+    let (short, long) = (felt(1e-3), felt(0.1));
+    assert!(short > 1e-3 * 10.0 * YOUNG * H, "{short} N: stiffer than tissue");
+    claim.check(tol::ROUNDING, "force at 1 ms and 100 ms", short / long - 1.0);
+}
+
+#[test]
+fn to_ask_for_energy_changes_nothing_that_follows() {
+    let of = |asks: bool| {
+        let mut body =
+            Body::new(&with_bone(), &SimDesc { method: Method::Efg(EfgDesc::default()), ..exact() });
+        body.set(|x| (Vec3::new(0.0, 0.1 * x.z * x.z, 0.0), Vec3::x()));
+        for _ in 0..5 {
+            if asks {
+                body.total_energy();
+            }
+            body.steps(1);
+        }
+        body.u()
+    };
+    assert!(of(true) == of(false));
+}
+
+#[test]
+fn contacts_are_finite_after_a_material_changes_and_implicit_steps_stay_stable() {
+    let (build, top) = pressable([8, 8, 6], 2e-3);
+    let mut body = Body::new(&build, &SimDesc { method: Method::Efg(EfgDesc::default()), ..exact() });
+    let mut tool = body.sim.add_tool(&ToolDesc { friction: 0.0, ..ToolDesc::sphere(6e-3) }).unwrap();
+    for n in 0..5 {
+        step_to(&mut body, &mut tool, Vec3::new(0.0, 0.0, top + 6e-3 - 1e-4 * f64::from(n)));
+    }
+    body.sim.set_material(1, &material(1e9, 0.45, 1000.0)).unwrap();
+    let contacts = body.sim.contacts(tool.id()).unwrap();
+    assert!(!contacts.is_empty() && contacts.iter().all(|contact| contact.force_n.norm() < 10.0));
+    assert_eq!(body.sim.statistics().stable_substep_s, f64::INFINITY);
+    body.steps(3);
 }
 
 #[test]

@@ -17,8 +17,10 @@ pub struct Found<'a> {
     pub target_m: f64,
     /// Whether it was inside when the step began: tissue that is pressed follows a tool that leaves it.
     pub was_inside: bool,
-    /// What it has as an impulse where nothing that carries it can move, in N s.
-    pub wall: Option<f64>,
+    /// How deep it is inside, in m.
+    pub depth_m: f64,
+    /// Whether anything that carries it can move.
+    pub is_movable: bool,
     /// Velocity of the tool there, m/s.
     pub tool_velocity: Vec3,
     /// Friction of the tool.
@@ -30,7 +32,7 @@ pub struct Found<'a> {
 impl Found<'_> {
     /// Whether it can be moved, and probably has to be.
     pub fn is_touched(&self) -> bool {
-        self.wall.is_none() && (self.target_m > 0.0 || self.was_inside)
+        self.is_movable && (self.target_m > 0.0 || self.was_inside)
     }
 }
 
@@ -53,8 +55,8 @@ impl ContactSurface {
         let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
         let follow = tools.iter().any(|tool| way(tool) > 0.5 * tool.desc.feature_m());
         // Tissue that was pressed follows a tool that leaves it.
-        let reach = 2.0 * (nodes.fastest * nodes.dt + tools.iter().map(way).fold(0.0, f64::max));
-        let reach = reach + NEAR * self.model.lattice().cell_m();
+        let (h, furthest) = (self.model.lattice().cell_m(), tools.iter().map(way).fold(0.0, f64::max));
+        let reach = 2.0 * (furthest + (nodes.fastest * nodes.dt).min(h)) + NEAR * h;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         self.near.keep_up(surface, tools, nodes.u, reach, moved);
         if !self.near.triangles().is_empty() {
@@ -68,13 +70,14 @@ impl ContactSurface {
     }
 
     /// The points that were found.
-    pub fn found<'a>(&'a self, tools: &'a [ToolStep], dt: f64) -> impl Iterator<Item = Found<'a>> {
+    pub fn found<'a>(&'a self, tools: &'a [ToolStep]) -> impl Iterator<Item = Found<'a>> {
         let limit = PUSH_LIMIT * self.model.lattice().cell_m();
         self.points.iter().map(move |point| Found {
             normal: point.normal,
             target_m: point.depth.min((limit + point.travel) * point.lever),
             was_inside: point.was_inside,
-            wall: (!point.is_movable).then(|| point.mass * point.depth.max(0.0) / dt),
+            depth_m: point.depth.max(0.0),
+            is_movable: point.is_movable,
             tool_velocity: point.tool_velocity,
             friction: tools[point.tool as usize].desc.friction,
             carried: &self.carried[point.start as usize..point.end as usize],

@@ -393,7 +393,7 @@ impl ContactSurface {
             push: 0.0,
             drag: Vec3::zeros(),
         };
-        if !self.carry(point, weights, nodes) {
+        if !self.carry(point, weights, nodes) && distance < 0.0 {
             self.dropped += 1;
         }
     }

@@ -62,11 +62,11 @@ impl<R: Real> Solution<'_, R> {
 
     /// b − A x, and what it comes to.
     #[inline(always)]
-    unsafe fn renew<L: Lanes<Real = R>>(&self, starts: bool) -> Residue {
+    unsafe fn renew<L: Lanes<Real = R>>(&self) -> Residue {
         // SAFETY: every run is one member's, and they meet between parts.
         unsafe {
             for &run in self.mine {
-                self.parts.multiply::<L>(run, starts);
+                self.parts.multiply::<L>(run);
             }
             self.member.meet();
             self.touch(self.parts.x);
@@ -97,7 +97,7 @@ pub unsafe fn solve<L: Lanes>(
     let mut starts = true;
     loop {
         // SAFETY: as promised.
-        let mut now = unsafe { solution.renew::<L>(starts && budget.reference.is_none()) };
+        let mut now = unsafe { solution.renew::<L>() };
         let left = now.rr.sqrt();
         // A new start that found little has met what rounding leaves, or what is not finite.
         let improves = left < STALLED * reached.residual;

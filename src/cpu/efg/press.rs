@@ -12,7 +12,7 @@ use crate::math::{Mat3, Vec3};
 use crate::solver::ToolStep;
 
 /// How much stiffer a contact is than what carries it.
-const STIFFNESS: f64 = 50.0;
+pub const STIFFNESS: f64 = 50.0;
 /// Change of an impulse, as a share of the largest, that asks for another solution.
 const SETTLED: f64 = 5e-3;
 
@@ -32,8 +32,8 @@ struct Point {
     law: Law,
     /// The law that the last solution asks for.
     next: Law,
-    /// What a wall gives, where nothing moves.
-    wall: Option<f64>,
+    /// Whether it has all that it will have: nothing that carries it moves.
+    is_wall: bool,
     push: f64,
     drag: Vec3,
 }
@@ -78,12 +78,13 @@ impl Press {
         self.points.is_empty()
     }
 
-    /// Takes the points that were found, and adds them to the system's blocks.
+    /// Takes the points that were found, and adds them to the system's blocks. What nothing carries that moves resists by `wall_n_m`.
     pub fn begin<R: Real>(
         &mut self,
         contact: &ContactSurface,
         tools: &[ToolStep],
         dt: f64,
+        wall_n_m: f64,
         system: &mut System<R>,
     ) {
         self.points.clear();
@@ -95,12 +96,12 @@ impl Press {
         self.blocks.resize(self.nodes.len(), Mat3::zeros());
         // How much all points together put on a node: as many as share it share the stiffness that it takes.
         self.shares.resize(self.nodes.len(), 0.0);
-        for found in contact.found(tools, dt).filter(Found::is_touched) {
+        for found in contact.found(tools).filter(Found::is_touched) {
             for &(node, weight) in found.carried {
                 self.shares[node as usize] += weight.abs();
             }
         }
-        for found in contact.found(tools, dt) {
+        for found in contact.found(tools) {
             let yielding = |&(node, weight): &(u32, f64)| {
                 let inverse = matrix(&system.inverse(self.nodes[node as usize]));
                 let shared = self.shares[node as usize].max(weight.abs());
@@ -124,8 +125,8 @@ impl Press {
                 friction: found.friction,
                 law,
                 next: law,
-                wall: found.wall,
-                push: found.wall.unwrap_or(0.0),
+                is_wall: !found.is_movable,
+                push: if found.is_movable { 0.0 } else { wall_n_m * found.depth_m * dt },
                 drag: Vec3::zeros(),
             });
         }
@@ -182,7 +183,7 @@ impl Press {
     /// Reads impulses from a solution, and the laws that it asks for. Whether it was found with those.
     pub fn judge<R: Real>(&mut self, system: &System<R>) -> bool {
         let (mut largest, mut wrong) = (0.0_f64, 0.0_f64);
-        for point in self.points.iter_mut().filter(|point| point.wall.is_none()) {
+        for point in self.points.iter_mut().filter(|point| !point.is_wall) {
             let carried = &self.carried[point.start..point.end];
             let moving: Vec3 = carried.iter().map(|&(n, w)| system.x.vec3(self.nodes[n as usize]) * w).sum();
             let push = point.stiffness * (point.wanted - moving.dot(&point.normal));

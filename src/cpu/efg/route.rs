@@ -10,6 +10,7 @@ use super::super::workers::Member;
 use super::conjugate::{Budget, Reached, solve};
 use super::press::Press;
 use super::system::Parts;
+use crate::solver::method::Scheme;
 
 /// Turns frames, says where nodes go by themselves, and builds the system but for loads and contact.
 type Begin<R> = unsafe fn(&Parts<R>, &Member, &[Run]);
@@ -43,6 +44,9 @@ unsafe fn begin<L: Lanes>(parts: &Parts<L::Real>, member: &Member, mine: &[Run])
         for &run in mine {
             parts.invert::<L>(run);
             parts.begin::<L>(run);
+            if parts.step.scheme == Scheme::Paper {
+                parts.add_velocities::<L>(run);
+            }
         }
     }
 }

@@ -11,11 +11,11 @@ use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
 use super::super::workers::{Member, Workers};
 use super::conjugate::{Budget, Reached};
-use super::press::Press;
+use super::press::{Press, STIFFNESS};
 use super::route::{EfgReal, Route};
 use super::system::{Parts, Step, System};
 use crate::error::Result;
-use crate::math::{FAR_M, Vec3};
+use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
@@ -40,8 +40,12 @@ pub struct EfgSolver<R: EfgReal> {
     flags: Vec<u8>,
     laws: [CellLaw; 16],
     system: System<R>,
-    /// The step that the system is made for.
+    /// The last step.
     dt: f64,
+    /// Whether the system was made for another step, or other materials.
+    is_stale: bool,
+    /// A node that goes further in a step is lost: the diagonal of the model, in m.
+    furthest: f64,
     u: Field<R>,
     v: Field<R>,
     contact: ContactSurface,
@@ -71,6 +75,8 @@ impl<R: EfgReal> EfgSolver<R> {
             flags: model.lattice().flags().to_vec(),
             laws: *model.laws(),
             dt: 0.0,
+            is_stale: true,
+            furthest: Vec3::from(model.lattice().cells().map(|n| n as f64)).norm() * model.lattice().cell_m(),
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
             press: Press::of(&contact),
@@ -103,10 +109,11 @@ impl<R: EfgReal> EfgSolver<R> {
             drag_per_s: plan.drag_per_s,
             gravity: [g.x, g.y, g.z],
             scheme: self.desc.scheme,
+            furthest: self.furthest,
         };
-        if self.dt != plan.dt {
-            self.system.set_step(&self.bricks, &self.laws, plan.dt);
-            self.dt = plan.dt;
+        if self.is_stale || self.dt != plan.dt {
+            self.system.set_step(&self.bricks, &self.laws, plan.dt, self.desc.scheme);
+            (self.dt, self.is_stale) = (plan.dt, false);
         }
         self.together(step, |route, parts, _, member, mine| {
             // SAFETY: every run is one member's; they meet before other bricks' frames are read.
@@ -153,7 +160,13 @@ impl<R: EfgReal> EfgSolver<R> {
             self.press.mend();
         }
         report.iterations = iterations;
-        report.residual = if reached.reference > 0.0 { reached.residual / reached.reference } else { 0.0 };
+        if !(reached.residual.is_finite() && reached.reference.is_finite()) {
+            return self.give_up(report);
+        }
+        let left = reached.residual / reached.reference.max(f64::MIN_POSITIVE);
+        // Less than what rounding makes is as good as can be.
+        let is_met = reached.residual <= budget.noise;
+        report.residual = if is_met { left.min(self.desc.tolerance) } else { left };
         self.tell_tools(plan, span[1], sums);
 
         self.together(step, |route, parts, _, member, mine| {
@@ -161,17 +174,25 @@ impl<R: EfgReal> EfgSolver<R> {
             unsafe { (route.finish)(parts, member, mine) }
         });
         self.fastest = self.system.seen().speed2.sqrt();
-        if self.fastest * plan.dt < FAR_M {
+        if self.fastest * plan.dt < self.furthest {
             self.place_held(plan, span[1]);
         } else {
-            report.has_diverged = true;
-            self.halt();
-            self.system.forget(&self.bricks);
+            self.give_up(report);
         }
+    }
+
+    /// The state stays the last good one, at rest.
+    fn give_up(&mut self, report: &mut StepReport) {
+        report.has_diverged = true;
+        self.halt();
+        self.system.reset(&self.bricks);
     }
 
     fn look_for_contact(&mut self, plan: &StepPlan, span: [f64; 2]) {
         let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
+        // Bone is as much stiffer than the stiffest tissue as contact is.
+        let stiffest = self.laws.iter().map(|law| law.lambda_pa + 2.0 * law.shear_pa).fold(0.0, f64::max);
+        let wall_n_m = STIFFNESS * stiffest * self.bricks.model.lattice().cell_m();
         let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
             u_before: &Field(Vec::new()),
@@ -187,7 +208,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let moved =
             |brick: u32| bricks.around(brick as usize).map(|near| system.moved(near)).fold(0.0, f64::max);
         contact.look_ahead(plan.tools, span, &nodes, moved);
-        press.begin(contact, plan.tools, plan.dt, system);
+        press.begin(contact, plan.tools, plan.dt, wall_n_m, system);
     }
 
     /// What regions and tools hold has the velocity that takes it where they are at the fraction `t` of the plan's step.
@@ -323,6 +344,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     fn halt(&mut self) {
         self.v.0.fill(Default::default());
         self.fastest = 0.0;
+        self.contact.lose_track();
     }
 
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
@@ -335,7 +357,13 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     fn accelerations(&mut self) -> Vec<Vec3> {
         // From rest, the impulse of inner forces in a second.
         let v = std::mem::replace(&mut self.v, Field::zeros(self.bricks.count()));
-        let step = Step { dt: 1.0, drag_per_s: 0.0, gravity: [0.0; 3], scheme: Scheme::BackwardEuler };
+        let step = Step {
+            dt: 1.0,
+            drag_per_s: 0.0,
+            gravity: [0.0; 3],
+            scheme: Scheme::BackwardEuler,
+            furthest: self.furthest,
+        };
         self.together(step, |route, parts, _, member, mine| {
             // SAFETY: every run is one member's; they meet before other bricks' frames are read.
             unsafe { (route.begin)(parts, member, mine) }
@@ -347,8 +375,8 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
             let mass = lattice.node_mass(slot, |material| self.laws[usize::from(material)].corner_kg);
             let flags = self.flags[slot as usize];
             let force = self.system.b.vec3(slot);
-            let free =
-                |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
+            let is_free = |axis: usize| flags & ((flag::FIX_X << axis) | flag::GRASPED) == 0;
+            let free = |axis: usize| if is_free(axis) { force[axis] / mass } else { 0.0 };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
         all
@@ -359,7 +387,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     fn set_laws(&mut self, laws: &[CellLaw; 16], _stable_dt: f64) -> Result<()> {
         self.laws = *laws;
         self.system.set_laws(&self.bricks, laws);
-        self.dt = 0.0;
+        self.is_stale = true;
         Ok(())
     }
 

@@ -14,7 +14,7 @@ use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
 use super::turn::{Deformed, at_rest, turn};
-use crate::math::{FAR_M, Vec3};
+use crate::math::Vec3;
 use crate::model::efg::law::Elasticity;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
@@ -64,6 +64,18 @@ pub struct Step {
     pub drag_per_s: f64,
     pub gravity: [f64; 3],
     pub scheme: Scheme,
+    /// A node that goes further is lost, in m.
+    pub furthest: f64,
+}
+
+impl Step {
+    /// What drag makes of a mass; the paper's scheme has none.
+    fn inertia(&self) -> f64 {
+        match self.scheme {
+            Scheme::BackwardEuler => 1.0 + self.drag_per_s * self.dt,
+            Scheme::Paper => 1.0,
+        }
+    }
 }
 
 /// Sums over a brick, or over all.
@@ -118,15 +130,12 @@ impl<R: Real> System<R> {
         system
     }
 
-    /// Cells as they are without displacements.
+    /// Cells that are not turned, and nothing that is not finite anywhere.
     pub fn reset(&mut self, bricks: &Bricks) {
         (self.rotations, self.frames) = at_rest(bricks.count());
-        self.forget(bricks);
-    }
-
-    /// Nothing that is not finite stays anywhere.
-    pub fn forget(&mut self, bricks: &Bricks) {
-        self.p = [Field::zeros(bricks.count()), Field::zeros(bricks.count())];
+        for field in &mut self.p {
+            field.0.fill(Octet::default());
+        }
     }
 
     /// The inverse of a slot's block on A's diagonal.
@@ -170,9 +179,12 @@ impl<R: Real> System<R> {
     }
 
     /// Stiffness in steps of a length.
-    pub fn set_step(&mut self, bricks: &Bricks, laws: &[CellLaw; 16], dt: f64) {
+    pub fn set_step(&mut self, bricks: &Bricks, laws: &[CellLaw; 16], dt: f64, scheme: Scheme) {
         let h = bricks.model.lattice().cell_m();
-        self.tables.changes = Moduli::new(laws, h, |law| dt * (dt + law.damping_s));
+        self.tables.changes = Moduli::new(laws, h, |law| match scheme {
+            Scheme::BackwardEuler => dt * (dt + law.damping_s),
+            Scheme::Paper => dt * dt,
+        });
     }
 
     /// Bytes of all this.
@@ -355,7 +367,7 @@ impl<R: Real> Parts<'_, R> {
     #[inline(always)]
     pub unsafe fn invert<L: Lanes<Real = R>>(&self, run: Run) {
         let t = self.tables;
-        let inertia = L::splat(1.0 + self.step.drag_per_s * self.step.dt);
+        let inertia = L::splat(self.step.inertia());
         let epsilon = if size_of::<R>() == 4 { f64::from(f32::EPSILON) } else { f64::EPSILON };
         let law = Diagonal { moduli: &t.changes, frames: self.frames };
         // SAFETY: as promised of parts.
@@ -363,10 +375,13 @@ impl<R: Real> Parts<'_, R> {
             gather::<L, BLOCK>(self.bricks, run, &Plain(self.u), &law, |brick, row, block, moved| {
                 let heavy = L::load(t.mass.as_ptr().add(brick * BRICK_ROWS + row).cast()).mul(inertia);
                 let [xx, xy, xz, yy, yz, zz] = block;
-                let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
-                let (x, y, z) = (xx.mul(moved[0]), yy.mul(moved[1]), zz.mul(moved[2]));
+                // What rounding of displacements does to forces, as part of b, where anything is free.
+                let flags = self.flags_of(brick, row);
+                let x = free(xx.mul(moved[0]), flags, 0);
+                let (y, z) = (free(yy.mul(moved[1]), flags, 1), free(zz.mul(moved[2]), flags, 2));
                 let noise = x.fma(x, y.fma(y, z.mul(z)));
                 (*self.seen.add(brick)).noise2 += sum_of(noise) * (epsilon / self.step.dt).powi(2);
+                let (xx, yy, zz) = (xx.add(heavy), yy.add(heavy), zz.add(heavy));
                 let inverse = inverted([xx, xy, xz, yy, yz, zz]);
                 for n in 0..BLOCK {
                     inverse[n].store(self.inverse.add((brick * BLOCK + n) * BRICK_ROWS + row).cast());
@@ -391,7 +406,8 @@ impl<R: Real> Parts<'_, R> {
                     let impulse = mass.fma(L::splat(step.gravity[c]), force[c]).mul(dt);
                     let b = if step.scheme == Scheme::BackwardEuler { mass.fma(v, impulse) } else { impulse };
                     b.store(self.b.add(octet).cast());
-                    v.store(self.x.add(octet).cast());
+                    // What is held stays, unless it is told to move.
+                    free(v, self.flags_of(brick, row), c).store(self.x.add(octet).cast());
                 }
             });
         }
@@ -406,7 +422,7 @@ impl<R: Real> Parts<'_, R> {
         mut finish: impl FnMut(usize, usize, [L; 3], [L; 3]),
     ) {
         let t = self.tables;
-        let inertia = L::splat(1.0 + self.step.drag_per_s * self.step.dt);
+        let inertia = L::splat(self.step.inertia());
         let law = Changes { moduli: &t.changes, frames: self.frames };
         // SAFETY: as promised of parts.
         unsafe {
@@ -421,20 +437,29 @@ impl<R: Real> Parts<'_, R> {
         }
     }
 
-    /// q = A x. The paper's scheme adds it to b, once, where `starts`.
+    /// b += A v₀, which is what the paper's scheme has instead of M v₀.
     #[inline(always)]
-    pub unsafe fn multiply<L: Lanes<Real = R>>(&self, run: Run, starts: bool) {
-        let adds = starts && self.step.scheme == Scheme::Paper;
+    pub unsafe fn add_velocities<L: Lanes<Real = R>>(&self, run: Run) {
+        // SAFETY: as promised of parts.
+        unsafe {
+            self.product::<L>(run, &Plain(self.v), |brick, row, product, _| {
+                for c in 0..3 {
+                    let b = self.b.add(at(brick, row, c));
+                    L::load(b.cast()).add(product[c]).store(b.cast());
+                }
+            });
+        }
+    }
+
+    /// q = A x.
+    #[inline(always)]
+    pub unsafe fn multiply<L: Lanes<Real = R>>(&self, run: Run) {
         // SAFETY: as promised of parts.
         unsafe {
             self.product::<L>(run, &Plain(self.x), |brick, row, product, _| {
                 for c in 0..3 {
                     let octet = at(brick, row, c);
                     product[c].store(self.q.add(octet).cast());
-                    if adds {
-                        let b = self.b.add(octet);
-                        L::load(b.cast()).add(product[c]).store(b.cast());
-                    }
                 }
             });
         }
@@ -547,11 +572,11 @@ impl<R: Real> Parts<'_, R> {
         }
     }
 
-    /// Whether no node goes further than tissue may be, nor nowhere finite.
+    /// Whether no node is lost.
     pub unsafe fn is_sound(&self) -> bool {
         // SAFETY: threads have met since it was written.
         let speeds = (0..self.bricks.count()).map(|brick| unsafe { (*self.seen.add(brick)).speed2 });
-        speeds.fold(0.0, f64::max).sqrt() * self.step.dt < FAR_M
+        speeds.fold(0.0, f64::max).sqrt() * self.step.dt < self.step.furthest
     }
 
     /// u += dt x and v = x.
@@ -611,6 +636,7 @@ fn inverted<L: Lanes>(m: [L; BLOCK]) -> [L; BLOCK] {
     let (cxx, cxy, cxz) = (minor(yy, zz, yz, yz), minor(xz, yz, xy, zz), minor(xy, yz, xz, yy));
     let determinant = xx.fma(cxx, xy.fma(cxy, xz.mul(cxz)));
     // Places without a node have a matrix of zeros; what they hold is nothing before and after.
-    let scale = L::splat(1.0).div(determinant.max(L::splat(f64::from(f32::MIN_POSITIVE))));
+    let least = if size_of::<L::Real>() == 4 { f64::from(f32::MIN_POSITIVE) } else { f64::MIN_POSITIVE };
+    let scale = L::splat(1.0).div(determinant.max(L::splat(least)));
     [cxx, cxy, cxz, minor(xx, zz, xz, xz), minor(xy, xz, xx, yz), minor(xx, yy, xy, xy)].map(|c| c.mul(scale))
 }

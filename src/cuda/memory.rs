@@ -46,6 +46,8 @@ unsafe impl Plain for super::layout::Pressed {}
 unsafe impl Plain for super::layout::Driven {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Motion {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Held {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]

@@ -15,6 +15,7 @@ mod near;
 mod outside;
 mod sleep;
 pub mod solver;
+mod state;
 mod surface;
 #[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names
 mod twins;

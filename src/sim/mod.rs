@@ -317,7 +317,7 @@ impl Sim {
     }
 
     /// Has a tool hold the tissue's nodes that are within `reach_m` of it now and not held otherwise, besides those that it holds already. They go where
-    /// it goes, and it feels what that takes. Gives how many it holds. On the processor alone.
+    /// it goes, and it feels what that takes. Gives how many it holds.
     pub fn grasp(&mut self, tool: ToolId, reach_m: f64) -> Result<usize> {
         if !(0.0..=1.0).contains(&reach_m) {
             return Err(Error::argument(format!("a reach of {reach_m} m is not between 0 and 1 m")));

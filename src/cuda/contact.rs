@@ -436,7 +436,7 @@ impl ContactSurface {
         };
         (0..self.touching).filter_map(move |k| {
             // SAFETY: one of those that were heard of. The device told them before its report, and tells others in the next step alone.
-            let fields = unsafe { self.touched.host().add(k).read_volatile() };
+            let Touched { fields } = unsafe { self.touched.host().add(k).read_volatile() };
             let vector = |field: usize| Vec3::from_fn(|axis, _| f64::from(fields[field][axis]));
             let name = |place: usize| fields[point::NAMES][place].to_bits();
             let (normal, push) = (vector(point::NORMAL), f64::from(fields[point::IMPULSE][3]));

@@ -395,7 +395,11 @@ pub mod point {
 }
 
 /// What the host is told of a contact point: its first fields.
-pub type Touched = [[f32; 4]; point::TOLD];
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Touched {
+    pub fields: [[f32; 4]; point::TOLD],
+}
 
 /// A node that carries sites.
 #[derive(Clone, Copy, Debug)]

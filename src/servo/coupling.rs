@@ -127,6 +127,8 @@ pub struct Proxy {
     damping: Mat6,
     /// How far from its device the spring pulls the proxy with all that the device renders, in m and rad. Farther away it pulls no more.
     stretch: BlockLimit,
+    /// As fast as the device may: tissue throws the proxy no faster, and it falls back into tissue no faster, in m/s.
+    fastest_m_s: f64,
     turns_freely: bool,
     motion: ToolMotion,
 }
@@ -140,6 +142,7 @@ impl Proxy {
                 // Without a torsional spring nothing is pulled.
                 angular: desc.max_torque_n_m / coupling.stiffness_n_m_per_rad.max(f64::MIN_POSITIVE),
             },
+            fastest_m_s: desc.max_speed_m_s,
             spring: *coupling,
             stiffness: isotropic(coupling.stiffness_n_per_m, coupling.stiffness_n_m_per_rad),
             damping: isotropic(coupling.damping_n_s_per_m, coupling.damping_n_m_s_per_rad),
@@ -183,13 +186,14 @@ impl Proxy {
                 // As below.
                 moving = self.balance(&StraightLaw::none(), way, device, dt);
             }
-            let moved = moving.map(|v| ToolMotion {
-                pose: Pose::from_parts(
-                    (self.motion.pose.translation.vector + v * dt).into(),
-                    device.pose.rotation,
-                ),
-                linear_m_s: v,
-                angular_rad_s: device.angular_rad_s,
+            let moved = moving.map(|v| {
+                let v = self.kept_slow(v, &law.push, device);
+                let at = self.motion.pose.translation.vector + v * dt;
+                ToolMotion {
+                    pose: Pose::from_parts(at.into(), device.pose.rotation),
+                    linear_m_s: v,
+                    angular_rad_s: device.angular_rad_s,
+                }
             });
             self.motion = moved.filter(|moved| is_within_reach(moved, device)).unwrap_or(*device);
         }
@@ -197,6 +201,12 @@ impl Proxy {
         let faster = self.motion.linear_m_s - device.linear_m_s;
         let pull = offset * self.spring.stiffness_n_per_m;
         [pull + faster * self.spring.damping_n_s_per_m, pull]
+    }
+
+    /// A velocity near tissue that pushes along `push`: no faster than the device may be, unless the device itself draws the proxy out.
+    fn kept_slow(&self, v: Vec3, push: &Vec3, device: &ToolMotion) -> Vec3 {
+        let away = device.pose.translation.vector - self.motion.pose.translation.vector;
+        if *push == Vec3::zeros() || away.dot(push) > 0.0 { v } else { at_most(v, self.fastest_m_s).0 }
     }
 
     /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d.
@@ -218,11 +228,11 @@ impl Proxy {
         }
         if dt > 0.0 {
             let start = self.motion;
-            self.move_against(law, device, dt);
+            self.move_against(law, &law.push, device, dt);
             if law.has_left(&self.motion) {
                 // The line through the tissue's force would have to pull to hold it there: it is in the air.
                 self.motion = start;
-                self.move_against(&ContactModel::none(), device, dt);
+                self.move_against(&ContactModel::none(), &law.push, device, dt);
             }
         }
         let pull = self.stiffness * displacement(&device.pose, &self.motion.pose);
@@ -230,15 +240,19 @@ impl Proxy {
         [pull + self.damping * faster, pull].map(|w| wrench(&w))
     }
 
-    /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d.
-    fn move_against(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) {
+    /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d, near tissue that pushes along `push`.
+    fn move_against(&mut self, law: &ContactModel, push: &Vec3, device: &ToolMotion, dt: f64) {
         let resistance = self.damping + law.damping + (self.stiffness + law.stiffness) * dt;
         let load = stacked(&law.wrench) - law.stiffness * displacement(&law.motion.pose, &self.motion.pose)
             + law.damping * velocity(&law.motion)
             + self.stiffness * self.stretched(&displacement(&self.motion.pose, &device.pose))
             + self.damping * velocity(device);
         let moving = Cholesky::new(resistance).map(|factor| factor.solve(&load));
-        let moved = moving.map(|v| self.moved(&v, dt)).filter(|moved| is_within_reach(moved, device));
+        let moved = moving.map(|v| {
+            let slow = self.kept_slow(linear(&v), push, device);
+            self.moved(slow, angular(&v), dt)
+        });
+        let moved = moved.filter(|moved| is_within_reach(moved, device));
         // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
         self.motion = moved.unwrap_or(*device);
     }
@@ -251,15 +265,11 @@ impl Proxy {
     }
 
     /// Where a velocity leads.
-    fn moved(&self, moving: &Vec6, dt: f64) -> ToolMotion {
-        let at = self.motion.pose.translation.vector + linear(moving) * dt;
-        let mut rotation = Quat::from_scaled_axis(angular(moving) * dt) * self.motion.pose.rotation;
+    fn moved(&self, linear_m_s: Vec3, angular_rad_s: Vec3, dt: f64) -> ToolMotion {
+        let at = self.motion.pose.translation.vector + linear_m_s * dt;
+        let mut rotation = Quat::from_scaled_axis(angular_rad_s * dt) * self.motion.pose.rotation;
         rotation.renormalize_fast();
-        ToolMotion {
-            pose: Pose::from_parts(at.into(), rotation),
-            linear_m_s: linear(moving),
-            angular_rad_s: angular(moving),
-        }
+        ToolMotion { pose: Pose::from_parts(at.into(), rotation), linear_m_s, angular_rad_s }
     }
 }
 
@@ -508,8 +518,9 @@ mod tests {
             point_m: Vec3::new(0.04, 0.0, -0.03),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0 },
+            tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 },
             sticks: true,
+            cell_m: 0.0,
         };
         let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };
         let way = Vec6::new(1e-3, 0.0, -2e-3, 0.01, -0.02, 0.0);

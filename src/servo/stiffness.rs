@@ -154,8 +154,14 @@ mod tests {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            tissue: Tissue { young_pa: 12.5e3 * 0.75, poisson: 0.5, relaxation_s: 0.0 },
+            tissue: Tissue {
+                young_pa: 12.5e3 * 0.75,
+                poisson: 0.5,
+                relaxation_s: 0.0,
+                density_kg_m3: 1000.0,
+            },
             sticks: true,
+            cell_m: 0.0,
         }
     }
 

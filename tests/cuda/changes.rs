@@ -52,12 +52,12 @@ fn what_a_tool_holds_on_a_gpu_goes_where_it_goes_and_pulls_as_on_the_processor()
         };
         let mut tools = sims.each_mut().map(|sim| sim.add_tool(&ToolDesc::sphere(2.0 * CELL_M)).unwrap());
         // A second tool touches, so that what is held and what is touched add up each for its own.
-        let mut others = sims.each_mut().map(|sim| sim.add_tool(&ToolDesc::sphere(CELL_M)).unwrap());
+        let mut others = sims.each_mut().map(|sim| sim.add_tool(&ToolDesc::sphere(4.0 * CELL_M)).unwrap());
         for tool in &mut tools {
             tool.set_motion(&pose(Vec3::zeros(), 0.0)).unwrap();
         }
         for tool in &mut others {
-            let beside = Pose::from_parts((Vec3::new(4.0, 4.0, 12.6) * CELL_M).into(), Quat::identity());
+            let beside = Pose::from_parts((Vec3::new(3.0, 3.0, 16.4) * CELL_M).into(), Quat::identity());
             tool.set_motion(&ToolMotion::at(model.frame() * beside)).unwrap();
         }
         step(&mut sims, 1);

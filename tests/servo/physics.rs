@@ -56,8 +56,10 @@ impl Tissue {
                 young_pa: modulus * (1.0 - poisson * poisson) * doubt,
                 poisson,
                 relaxation_s: if let Self::Linear { relaxation_s, .. } = *self { relaxation_s } else { 0.0 },
+                density_kg_m3: 1000.0,
             },
             sticks: true,
+            cell_m: 0.0,
         }
     }
 }

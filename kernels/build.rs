@@ -15,7 +15,7 @@ use sha2::{Digest, Sha256};
 /// Source files that each become two images.
 const IMAGES: [&str; 8] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report", "efg"];
 /// What they include.
-const HEADERS: [&str; 12] = [
+const HEADERS: [&str; 13] = [
     "block.cuh",
     "clock.cuh",
     "contact.cuh",
@@ -28,6 +28,7 @@ const HEADERS: [&str; 12] = [
     "press.cuh",
     "tile.cuh",
     "tool.cuh",
+    "touched.cuh",
 ];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {

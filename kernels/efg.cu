@@ -14,6 +14,7 @@
 #include "outside.cuh"
 #include "press.cuh"
 #include "tile.cuh"
+#include "touched.cuh"
 
 namespace efg_kernel {
 
@@ -494,6 +495,8 @@ __device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NOD
                      bool is_sound) {
     Report& report = *w.e.report;
     press.tell(report.sums);
+    const uint32_t touching = w.step.step.tool_count ? c.counts[POINTS] : 0;
+    tell_points(c.points, touching, c.touched);
     // The strains that blocks saw, by one warp.
     float seen[3] = {};
     if (threadIdx.x < 32) {
@@ -503,7 +506,7 @@ __device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NOD
         }
         for (float& most : seen) most = float(warp_all<Largest>(most));
     }
-    // All sums are in the host's memory before the number is.
+    // All sums and points are in the host's memory before the number is.
     __threadfence_system();
     __syncthreads();
     if (threadIdx.x > 0) return;
@@ -514,6 +517,7 @@ __device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NOD
     report.vis_viva = 0.0;
     report.contact_points = c.counts[PUSHED];
     report.dropped_points = c.counts[DROPPED];
+    report.points = touching;
     report.iterations = reached.iterations;
     // Less than what rounding makes is as good as can be.
     const double left = reached.residual / fmax(reached.reference, 1e-300);

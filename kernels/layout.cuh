@@ -16,6 +16,9 @@ struct Law {
     float damper;
 };
 
+// Bits of Pass::flags: held along an axis each, and held by a tool.
+constexpr uint32_t FIX_X = 1, FIX_Y = 2, FIX_Z = 4, GRASPED = 16;
+
 // Most tools at once.
 constexpr int MAX_TOOLS = 64;
 // Most contact points at once; most sites of the surface that may become one before they are listed anew; most nodes that
@@ -91,6 +94,8 @@ struct Report {
     // Of an implicit step: all its iterations, and the share of its first residual that was left.
     uint32_t iterations;
     float residual;
+    // How many points there are in Touched.
+    uint32_t points;
     // From the start of the step's first kernel to now.
     uint64_t device_ns;
     ToolSum sums[MAX_TOOLS];
@@ -193,6 +198,23 @@ struct Drive {
     const Motion* motions;  // [substeps][regions]: at the end of each substep
 };
 
+// A node that a tool holds.
+struct Held {
+    double rest[3];
+    // Where it is in the tool's frame, in m; and its mass.
+    float place[3];
+    float mass;
+    uint32_t slot;
+};
+
+// All nodes that tools hold.
+struct Hold {
+    uint32_t count, substeps;
+    const Held* nodes;       // tool by tool
+    const uint32_t* starts;  // [MAX_TOOLS + 1]: where each tool's begin
+    ToolSum* sums;
+};
+
 // Places in Contact::counts: near elements, vertices and divided triangles; listed sites, the nodes that carry them, and their loads; what found no room;
 // points, and how many of them push; and how often points were looked for.
 enum Count { NEAR, SITES, CARRIERS, LOADS, DROPPED, POINTS, PUSHED, ROUND, COUNTS };
@@ -213,6 +235,12 @@ enum PointField {
     LAST,
     WAY,
     POINT_FIELDS,
+};
+
+// What the host is told of a point: its first fields.
+constexpr int TOLD_FIELDS = BEFORE;
+struct Touched {
+    float4 fields[TOLD_FIELDS];
 };
 
 // A node that carries sites.
@@ -282,13 +310,14 @@ struct Contact {
     double* given;  // [7][MAX_POINTS]
     float4* points;  // [POINT_FIELDS][MAX_POINTS]
     ToolSum* sums;
+    Touched* touched;  // [MAX_POINTS], the host's memory
 };
 
 // Where and when a projection takes place.
 struct Moment {
     // The fraction of the step at its start and end.
     float from, to;
-    // Whether it is the first of the step; whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
+    // Whether it begins the tools' sums; whether the tissue moved here, or only the tools; and whether this is the last move of the substep.
     uint32_t is_first, tissue_moves, is_last;
 };
 

@@ -100,7 +100,8 @@ __device__ float4 mobility_of(const Pass& pass, uint32_t slot) {
     float mass = 0.0f;
     for (int corner = 0; corner < 8; ++corner) mass += pass.laws[word >> (4 * corner) & 15].corner;
     const float inverse = mass > 0.0f ? 1.0f / mass : 0.0f;
-    return make_float4(flags & 1 ? 0.0f : inverse, flags & 2 ? 0.0f : inverse, flags & 4 ? 0.0f : inverse, inverse);
+    const auto along = [&](uint32_t axis) { return flags & (axis | GRASPED) ? 0.0f : inverse; };
+    return make_float4(along(FIX_X), along(FIX_Y), along(FIX_Z), inverse);
 }
 
 // How many nodes carry a site at most.

@@ -2,6 +2,7 @@
 #include <stddef.h>
 #include "clock.cuh"
 #include "layout.cuh"
+#include "touched.cuh"
 
 namespace report_kernel {
 
@@ -34,8 +35,8 @@ using namespace report_kernel;
 
 // `marks` has room for a multiple of four of them, zeros behind the last; `quads` is a quarter of their numbers.
 extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __restrict__ marks, uint32_t quads, const Step* step, uint32_t* diverged_at,
-                                                             const uint64_t* started, const uint32_t* contact, const ToolSum* sums,
-                                                             const uint32_t* awake, Report* report) {
+                                                             const uint64_t* started, const uint32_t* contact, const float4* points,
+                                                             const ToolSum* sums, const uint32_t* awake, Touched* touched, Report* report) {
     __shared__ float4 largest_of[THREADS];
     __shared__ double sum_of[SEEN];
     // What goes to the host at once, in one write.
@@ -43,6 +44,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
     Report* const told = reinterpret_cast<Report*>(head);
     const uint32_t me = threadIdx.x, lane = me & 31, warp = me / 32, sequence = step->sequence, tools = step->tool_count;
     if (me < SUMS * tools) reinterpret_cast<double*>(report->sums)[me] = reinterpret_cast<const double*>(sums)[me];
+    const uint32_t touching = tools ? contact[POINTS] : 0;
+    tell_points(points, touching, touched);
     uint64_t began = 0;
     if (me == THREADS - 1) {
         began = *started;
@@ -51,7 +54,8 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
         told->dropped_points = contact[DROPPED];
         told->iterations = 0;
         told->residual = 0.0f;
-        for (int i = 0; i < SLEEP_COUNTS; ++i) told->awake[i] = awake ? awake[i] : 0;
+        told->points = touching;
+        for (int i = 0; i < SLEEP_COUNTS; ++i) told->awake[i] = awake[i];
         *diverged_at = ~0u;
     }
 

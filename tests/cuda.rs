@@ -1,5 +1,7 @@
 //! The GPU's backend against the processor's. What needs a GPU is skipped, and says so, where there is none.
 
+#[path = "cuda/changes.rs"]
+mod changes;
 #[path = "cuda/efg.rs"]
 mod efg;
 #[path = "support/gpu.rs"]

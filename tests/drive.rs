@@ -1,7 +1,7 @@
 //! The simulation's own thread. Nothing here asserts how long a thing takes, but that it comes.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -10,6 +10,8 @@ use palpate::math::{Pose, Vec3};
 use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
+use palpate::servo::device::DeviceDesc;
+use palpate::servo::{DeviceState, ServoOptions};
 use palpate::sim::{Event, Sim, SimDesc, ThreadDesc, ToolPort};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
@@ -138,6 +140,53 @@ fn time_that_cannot_be_made_up_for_is_let_go_and_told() {
 }
 
 #[test]
+fn a_command_waits_for_one_step_at_most_though_steps_follow_without_a_pause() {
+    // Steps that take longer than a millisecond: the thread is always late.
+    let desc = SimDesc { threads: 1, substeps: Some(1000), sleeping: false, ..SimDesc::default() };
+    let mut sim = Sim::new(block(), &desc).unwrap();
+    let mut tool = ball(&mut sim);
+    sim.start(ThreadDesc::default()).unwrap();
+    until("a force", || tool.force().wrench.force_n.z > 0.0);
+    let mut waited: Vec<u64> = (0..21)
+        .map(|i| {
+            let before = tool.force().sequence;
+            sim.set_gravity(Vec3::z() * -0.1 * f64::from(i)).unwrap();
+            // Seen without the lock, right after the command was done.
+            tool.force().sequence - before
+        })
+        .collect();
+    waited.sort_unstable();
+    // Not all of them: this thread, too, may have to wait for a processor.
+    assert!(waited[10] <= 1, "{waited:?}");
+    assert!(sim.statistics().overruns > 0);
+}
+
+#[test]
+fn a_servo_goes_on_while_a_command_holds_the_simulation() {
+    let mut sim = simulation(1e-3);
+    let desc = DeviceDesc::touch();
+    let mut port = sim.add_haptic_tool(&ToolDesc::sphere(8e-3), &desc, &ServoOptions::of(&desc)).unwrap();
+    let is_over = AtomicBool::new(false);
+    let during = std::thread::scope(|scope| {
+        let servo = scope.spawn(|| {
+            let mut ticks = 0_u32;
+            while !is_over.load(Ordering::SeqCst) {
+                let stamp_s = 1e-3 * f64::from(ticks);
+                let state = DeviceState { motion: at(0.1), stamp_s, is_held: true };
+                port.exchange(&state, 0, true).unwrap();
+                ticks += 1;
+            }
+            ticks
+        });
+        // Long enough for any thread to come to its turn.
+        sim.settle(1e-12, 30_000).unwrap();
+        is_over.store(true, Ordering::SeqCst);
+        servo.join().unwrap()
+    });
+    assert!(during > 100, "{during} ticks");
+}
+
+#[test]
 fn hooks_run_first_and_last_on_the_thread() {
     let counts: [Arc<AtomicU32>; 2] = std::array::from_fn(|_| Arc::default());
     let [started, stopped] = counts.clone();
@@ -174,9 +223,14 @@ fn a_hook_may_end_the_simulation_and_a_hook_that_panics_ends_its_thread_alone() 
 
     let mut sim = simulation(1e-3);
     let mut tool = ball(&mut sim);
+    let mut surface = sim.open_surface(0).unwrap();
+    assert!(surface.map().unwrap().is_running);
     sim.start(ThreadDesc { on_start: Some(Box::new(|| panic!("a host's defect"))), ..ThreadDesc::default() })
         .unwrap();
     until("the defect", || sim.check().is_err());
     assert!(matches!(sim.check(), Err(Error::Defect(_))) && matches!(sim.stop(), Err(Error::Defect(_))));
     assert!(!tool.is_live() && tool.force().wrench.force_n == Vec3::zeros());
+    // Nobody knows what state this is: it is not stepped, shown or asked any more, with the thread or without.
+    assert!(matches!(sim.step(), Err(Error::Defect(_))) && matches!(surface.map(), Err(Error::Defect(_))));
+    assert!(!surface.last().unwrap().is_running, "what was seen before stays");
 }

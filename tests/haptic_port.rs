@@ -2,21 +2,20 @@
 //!
 //! Stepped by hand, a tick to a step, in time of the test's own.
 
-use std::sync::Arc;
-
 use palpate::math::{Pose, Vec3};
-use palpate::model::{LabelUse, Model};
+use palpate::model::LabelUse;
 use palpate::servo::ServoOptions;
 use palpate::servo::contact_model::{ContactModel, stiffness_along};
 use palpate::servo::coupling::Coupling;
 use palpate::servo::device::DeviceDesc;
 use palpate::servo::{DeviceState, flags::Flags};
-use palpate::sim::{Sim, SimDesc, ToolPort};
+use palpate::sim::{Event, Sim, SimDesc, ToolPort};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-#[path = "truth/scene.rs"]
-#[allow(dead_code, reason = "a few of the shared scenes serve here")]
-mod scene;
+#[path = "support/block.rs"]
+mod block;
+
+use block::{Block, Pressed, tissue};
 
 /// Cells of the block along x, y, z, and the edge of one in m.
 const CELLS: [usize; 3] = [14, 10, 8];
@@ -25,32 +24,20 @@ const RADIUS: f64 = 10e-3;
 const TICK_S: f64 = 1e-3;
 
 /// Soft tissue, with a rib in it where asked: two cells below the top, in the middle.
-fn model(has_rib: bool) -> Arc<Model> {
-    let label = |[i, j, k]: [usize; 3]| {
-        let is_inside = (5..9).contains(&i) && (3..7).contains(&j) && (4..6).contains(&k);
-        if has_rib && is_inside { 2 } else { 1 }
-    };
-    let soft = palpate::model::material::Material { damping_s: 1e-4, ..scene::material(5e3, 0.45, 1000.0) };
-    let uses = [(1, LabelUse::Tissue(soft)), (2, LabelUse::Rigid(scene::material(1e9, 0.3, 1900.0)))];
-    let mut build = scene::voxels(CELLS, H, label, &uses);
-    scene::hold(&mut build, Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 1.0, 0.0), [true; 3]);
-    Arc::new(build.run(&mut |_, _| true).unwrap())
-}
-
-/// Height of the surface that tools meet, which smoothing has moved off the cells' faces, in m.
-fn highest(model: &Model) -> f64 {
-    let vertices = model.surfaces()[model.contact_surface()].positions.iter();
-    vertices
-        .map(|vertex| model.frame().transform_point(&(*vertex).into()).z)
-        .fold(f64::NEG_INFINITY, f64::max)
+fn pressed(has_rib: bool) -> Pressed {
+    let rib = LabelUse::Rigid(tissue(1e9, 0.3, 1900.0, 0.0).unwrap());
+    let is_rib = |[i, j, k]: [usize; 3]| (5..9).contains(&i) && (3..7).contains(&j) && (4..6).contains(&k);
+    let inclusion = has_rib.then_some((rib, is_rib as fn(_) -> _));
+    let soft = tissue(5e3, 0.45, 1000.0, 1e-4).unwrap();
+    Block { cells: CELLS, cell_m: H, soft, inclusion }.build().unwrap()
 }
 
 /// A device over the middle of the block, `aside` along x.
 struct Rig {
     sim: Sim,
     port: ToolPort,
+    block: Pressed,
     time_s: f64,
-    surface_m: f64,
     /// Depth of the device below the surface, and its way along x from the middle, in m.
     at: [f64; 2],
     force_n: Vec3,
@@ -59,17 +46,17 @@ struct Rig {
 
 impl Rig {
     /// Engaged, 2 mm above the surface.
-    fn new(model: &Arc<Model>, friction: f64, coupling: Coupling) -> Self {
+    fn new(block: Pressed, friction: f64, coupling: Coupling) -> Self {
         let desc = DeviceDesc::touch();
-        let mut sim = Sim::new(model.clone(), &SimDesc { threads: 1, ..SimDesc::default() }).unwrap();
+        let mut sim = Sim::new(block.model.clone(), &SimDesc { threads: 1, ..SimDesc::default() }).unwrap();
         let ball = ToolDesc { friction, ..ToolDesc::sphere(RADIUS) };
         let options = ServoOptions { coupling, ..ServoOptions::of(&desc) };
         let port = sim.add_haptic_tool(&ball, &desc, &options).unwrap();
         let mut rig = Self {
             sim,
             port,
+            block,
             time_s: 0.0,
-            surface_m: highest(model),
             at: [-2e-3, 0.0],
             force_n: Vec3::zeros(),
             flags: Flags::NONE,
@@ -81,11 +68,7 @@ impl Rig {
 
     fn tick(&mut self, at: [f64; 2]) {
         let [depth, aside] = at;
-        let pose = Pose::translation(
-            (0.5 * CELLS[0] as f64) * H + aside,
-            0.5 * CELLS[1] as f64 * H,
-            self.surface_m + RADIUS - depth,
-        );
+        let pose = self.block.at(RADIUS, depth, [aside, 0.0]);
         let speed = Vec3::new(aside - self.at[1], 0.0, self.at[0] - depth) / TICK_S;
         self.at = at;
         self.time_s += TICK_S;
@@ -123,7 +106,7 @@ fn coupled() -> Coupling {
 
 #[test]
 fn the_contact_model_of_a_press_pushes_along_its_force_and_is_as_stiff_as_the_tissue() {
-    let mut rig = Rig::new(&model(false), 0.3, Coupling::Direct);
+    let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
     let shallow = rig.press(3e-3);
     let before = rig.press(4e-3);
     // On the way on from there, what it has just learned is the tissue under the tool.
@@ -146,7 +129,7 @@ fn the_contact_model_of_a_press_pushes_along_its_force_and_is_as_stiff_as_the_ti
 
 #[test]
 fn models_are_counted_over_resets_and_start_from_nothing() {
-    let mut rig = Rig::new(&model(false), 0.3, Coupling::Direct);
+    let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
     rig.press(4e-3);
     let before = rig.model();
     assert!(before.push != Vec3::zeros() && before.sequence >= 1200);
@@ -160,7 +143,7 @@ fn models_are_counted_over_resets_and_start_from_nothing() {
 
 /// Drag and normal force, felt half way through a way of 8 mm along x.
 fn dragged(friction: f64) -> (f64, f64) {
-    let mut rig = Rig::new(&model(false), friction, coupled());
+    let mut rig = Rig::new(pressed(false), friction, coupled());
     rig.go([-2e-3, -4e-3], 0.1);
     rig.press(4e-3);
     rig.go([4e-3, 4e-3], 0.4);
@@ -185,7 +168,7 @@ fn friction_is_felt_against_the_motion_and_within_its_cone() {
 
 /// How the force rises with the device's depth, near the surface and at depth, in N/m.
 fn slopes(has_rib: bool) -> [f64; 2] {
-    let mut rig = Rig::new(&model(has_rib), 0.3, coupled());
+    let mut rig = Rig::new(pressed(has_rib), 0.3, coupled());
     let depths = [2e-3, 3e-3, 6e-3, 7e-3];
     let felt = depths.map(|depth| rig.press(depth));
     [felt[1] - felt[0], felt[3] - felt[2]].map(|rise| rise / 1e-3)
@@ -200,4 +183,88 @@ fn a_stiff_inclusion_is_felt_under_soft_tissue() {
     assert!(rises[0] < 1.35 * hertz, "{rises:?}: tissue stiffens as it should");
     assert!(rises[1] > 1.2 * rises[0] && rib[1] > 1.5 * plain[1], "{plain:?} and {rib:?} N/m");
     assert!(rib[1] < 700.0, "never stiffer than the coupling: {rib:?}");
+}
+
+#[test]
+fn a_tool_that_a_device_holds_goes_a_metre_in_a_second_at_most_and_its_model_says_where_it_was() {
+    let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
+    rig.press(3e-3);
+    let start = rig.model().motion.pose;
+    // The hand is 5 mm higher at once: a jump for the servo, and the tissue's tool is on its way.
+    let to = rig.block.at(RADIUS, -2e-3, [0.0, 0.0]);
+    rig.port.set_motion(&ToolMotion::at(to)).unwrap();
+    for step in 1..=6 {
+        rig.sim.step().unwrap();
+        let told = rig.model();
+        let way = told.motion.pose.translation.vector - start.translation.vector;
+        let expected = f64::min(1e-3 * f64::from(step), 5e-3);
+        assert!((way - Vec3::z() * expected).norm() < 1e-12, "{way} m after {step} steps");
+        // The last millimetre may be one that it keeps up with.
+        let is_behind = step < 5;
+        let speed = told.motion.linear_m_s;
+        assert!(!is_behind || (speed - Vec3::z()).norm() < 1e-9, "{:?}", told.motion);
+        assert!(step < 6 || speed == Vec3::zeros(), "{:?}", told.motion);
+        assert_eq!(rig.port.force().motion, told.motion);
+    }
+    // A tool that nobody holds is where it is put.
+    let mut free = rig.sim.add_tool(&ToolDesc::sphere(RADIUS)).unwrap();
+    for z in [0.2, 0.3] {
+        free.set_motion(&ToolMotion::at(Pose::translation(0.0, 0.0, z))).unwrap();
+        rig.sim.step().unwrap();
+        assert_eq!(free.force().motion.pose.translation.z, z);
+    }
+}
+
+#[test]
+fn a_device_that_is_everywhere_at_once_does_not_tear_the_tissue() {
+    let mut rig = Rig::new(pressed(true), 0.3, Coupling::Direct);
+    let mut noise = 1_u32;
+    for _ in 0..400 {
+        // From 30 mm above to 30 mm below the surface, and aside.
+        let mut next = || {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            0.06 * (f64::from(noise >> 8) / f64::from(1 << 24) - 0.5)
+        };
+        let at = rig.block.at(RADIUS, next(), [next(), next()]);
+        rig.port.set_motion(&ToolMotion::at(at)).unwrap();
+        rig.sim.step().unwrap();
+    }
+}
+
+#[test]
+fn a_tool_that_a_reset_finds_in_tissue_comes_free_with_its_hand() {
+    let mut rig = Rig::new(pressed(false), 0.3, coupled());
+    // The centre of the ball is below where the surface was.
+    rig.press(RADIUS + 4e-3);
+    rig.sim.reset();
+    rig.press(RADIUS + 4e-3);
+    assert!(rig.flags.contains(Flags::WAITING), "{:?}", rig.flags);
+    rig.go([-2e-3, 0.0], 0.1);
+    rig.go([-2e-3, 0.0], 0.7);
+    assert_eq!((rig.flags, rig.force_n), (Flags::NONE, Vec3::zeros()), "free, and engaged");
+    assert!(rig.press(3e-3) > 0.1, "{} N", rig.force_n.z);
+}
+
+#[test]
+fn every_click_of_a_button_becomes_an_event_however_short() {
+    let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
+    let mut ticks = |buttons: &[u32]| {
+        for &buttons in buttons {
+            rig.time_s += TICK_S;
+            let motion = ToolMotion::at(rig.block.at(RADIUS, -2e-3, [0.0; 2]));
+            let state = DeviceState { motion, stamp_s: rig.time_s, is_held: true };
+            rig.port.exchange(&state, buttons, true).unwrap();
+        }
+        rig.sim.step().unwrap();
+        let (sim, own) = (&mut rig.sim, rig.port.id());
+        let told = std::iter::from_fn(|| sim.poll_event()).map(|event| match event {
+            Event::Buttons { tool, buttons, .. } if tool == own => buttons,
+            other => panic!("{other:?}"),
+        });
+        told.collect::<Vec<_>>()
+    };
+    // All in one step: two clicks of one button, and one of another that lasts.
+    assert_eq!(ticks(&[0, 1, 1, 0, 1, 0, 2]), [1, 0, 1, 0, 2]);
+    assert_eq!(ticks(&[2, 2]), []);
+    assert_eq!(ticks(&[0]), [0]);
 }

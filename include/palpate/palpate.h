@@ -1288,7 +1288,7 @@ plp_status plp_sim_free(plp_sim *sim,
                         uint64_t *node_count);
 
 /// Has a tool hold the tissue's nodes that are within reach_m of it now and held by nothing else, besides those that it holds already: they go where it goes,
-/// and it feels what that takes. How many it holds goes to node_count (@nullable node_count). On the processor alone: PLP_ERR_UNSUPPORTED on a GPU. The tool's
+/// and it feels what that takes. How many it holds goes to node_count (@nullable node_count). The tool's
 /// thread may be using it meanwhile; plp_sim_reset and plp_tool_destroy let go.
 ///
 /// @thread owner

@@ -250,10 +250,6 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
-    fn can_grasp(&self) -> bool {
-        true
-    }
-
     fn reset(&mut self) {
         let core = &mut self.core;
         core.nodes = Nodes::at_rest(core.bricks.count(), core.tables.damped);

@@ -5,12 +5,14 @@
 
 use std::sync::Arc;
 
+use cudarc::driver::sys::CUdeviceptr;
+
 use super::kernels::{Kernels, SurfaceKernels};
 use super::layout::{
-    self, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, Step, ToolSum,
-    count, point,
+    self, COUNTS, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, Step,
+    ToolSum, Touched, point,
 };
-use super::memory::{Buffer, Stream};
+use super::memory::{Buffer, Pinned, Stream};
 use super::pointer;
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
@@ -133,6 +135,9 @@ pub struct ContactSurface {
     given: Buffer<f64>,
     points: Buffer<[f32; 4]>,
     sums: Buffer<ToolSum>,
+    /// The points of the last step, where the device tells them, and how many they are.
+    touched: Pinned<Touched>,
+    touching: usize,
     /// The parts that lie in `parts`, tool by tool.
     known_parts: Vec<Part>,
     /// Those of a step that is being prepared.
@@ -196,7 +201,7 @@ impl ContactSurface {
             near: Buffer::zeros(stream, MAX_SITES)?,
             near_starts: Buffer::zeros(stream, MAX_SITES)?,
             divisions: Buffer::zeros(stream, surface.triangles.len())?,
-            counts: Buffer::zeros(stream, count::COUNTS)?,
+            counts: Buffer::zeros(stream, COUNTS)?,
             site_rest: Buffer::zeros(stream, MAX_SITES)?,
             site_own: Buffer::zeros(stream, MAX_SITES)?,
             site_edges: Buffer::zeros(stream, MAX_SITES)?,
@@ -218,6 +223,8 @@ impl ContactSurface {
             given: Buffer::zeros(stream, SUMS * MAX_POINTS)?,
             points: Buffer::zeros(stream, point::FIELDS * MAX_POINTS)?,
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
+            touched: Pinned::array(stream, MAX_POINTS)?,
+            touching: 0,
             known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             model: model.clone(),
@@ -348,6 +355,7 @@ impl ContactSurface {
             given: self.given.at(),
             points: self.points.at(),
             sums: self.sums.at(),
+            touched: self.touched.device_at(),
         }
     }
 
@@ -387,7 +395,8 @@ impl ContactSurface {
         Ok(true)
     }
 
-    /// Asks the stream to push the tissue out of the tools at the end of a substep.
+    /// Asks the stream to push the tissue out of the tools at the end of a substep; `begins_sums` says whether nothing has been added to the tools' sums in a
+    /// step before its first.
     ///
     /// # Safety
     /// `pass` is that of the substep, and outlives the work.
@@ -398,6 +407,7 @@ impl ContactSurface {
         pass: &mut Pass,
         plan: Plan,
         substeps: u32,
+        begins_sums: bool,
     ) -> Result<()> {
         let mut contact = self.on_device(plan);
         let begin = pass.substep - 1;
@@ -407,7 +417,7 @@ impl ContactSurface {
             let mut moment = Moment {
                 from: fraction(step - 1) as f32,
                 to: fraction(step) as f32,
-                is_first: u32::from(begin == 0 && step == 1),
+                is_first: u32::from(begins_sums && begin == 0 && step == 1),
                 tissue_moves: u32::from(step == 1),
                 is_last: u32::from(step == plan.moves),
             };
@@ -425,40 +435,48 @@ impl ContactSurface {
         self.vertices.next_multiple_of(32)
     }
 
-    /// Counts and sums, for the report.
-    pub fn told(&self) -> [u64; 2] {
-        [self.counts.at(), self.sums.at()]
+    /// What tools gave and got in a step, on the device.
+    pub fn sums(&self) -> CUdeviceptr {
+        self.sums.at()
+    }
+
+    /// What else the report is made of, counts and points; and where points are told.
+    pub fn told(&self) -> [CUdeviceptr; 3] {
+        [self.counts.at(), self.points.at(), self.touched.device_at()]
+    }
+
+    /// The device has told so many points.
+    pub fn hear(&mut self, points: u32) {
+        self.touching = (points as usize).min(MAX_POINTS);
     }
 
     /// The contacts of one tool in the last substep, model frame; `origin` is where it is.
-    pub fn contacts_of(&self, tool: u32, origin: Vec3, dt: f64) -> Result<Vec<Contact>> {
-        let mut counts = [0; count::COUNTS];
-        self.counts.read(0, &mut counts)?;
-        let mut fields = vec![[0.0; 4]; point::FIELDS * MAX_POINTS];
-        self.points.read(0, &mut fields)?;
+    pub fn contacts_of(&self, tool: u32, origin: Vec3, dt: f64) -> impl Iterator<Item = Contact> {
         let surface = &self.model.surfaces()[self.model.contact_surface()];
-        let at = |field: usize, k: usize| fields[field * MAX_POINTS + k];
-        let vector = |field: usize, k: usize| Vec3::from_fn(|axis, _| f64::from(at(field, k)[axis]));
-        let name = |k: usize, place: usize| at(point::NAMES, k)[place].to_bits();
-        let vertex = |element: u32| match element.checked_sub(self.first_triangle()) {
+        let first_triangle = self.first_triangle();
+        let vertex = move |element: u32| match element.checked_sub(first_triangle) {
             Some(triangle) => surface.triangles[triangle as usize][0],
             None => element,
         };
-        let push = |k: usize| f64::from(at(point::IMPULSE, k)[3]);
-        Ok((0..counts[count::POINTS] as usize)
-            .filter(|&k| name(k, 0) == tool && push(k) > 0.0)
-            .map(|k| Contact {
-                point_m: origin + vector(point::AT, k),
-                normal: vector(point::NORMAL, k),
-                depth_m: f64::from(at(point::AT, k)[3]),
-                force_n: (vector(point::NORMAL, k) * push(k) + vector(point::IMPULSE, k)) / dt,
-                material: surface.materials[vertex(name(k, 1)) as usize],
+        (0..self.touching).filter_map(move |k| {
+            // SAFETY: one of those that were heard of. The device told them before its report, and tells others in the next step alone.
+            let Touched { fields } = unsafe { self.touched.host().add(k).read_volatile() };
+            let vector = |field: usize| Vec3::from_fn(|axis, _| f64::from(fields[field][axis]));
+            let name = |place: usize| fields[point::NAMES][place].to_bits();
+            let (normal, push) = (vector(point::NORMAL), f64::from(fields[point::IMPULSE][3]));
+            (name(0) == tool && push > 0.0).then(|| Contact {
+                point_m: origin + vector(point::AT),
+                normal,
+                depth_m: f64::from(fields[point::AT][3]),
+                force_n: (normal * push + vector(point::IMPULSE)) / dt,
+                material: surface.materials[vertex(name(1)) as usize],
             })
-            .collect())
+        })
     }
 
     /// Forgets all contacts.
     pub fn clear(&mut self) -> Result<()> {
+        self.touching = 0;
         self.lose_track();
         self.counts.clear()?;
         self.claimed.clear()?;

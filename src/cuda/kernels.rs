@@ -204,9 +204,10 @@ pub struct Kernels {
     pub muster: Kernel,
     /// Pushes the tissue out of the tools.
     pub contact: Kernel,
-    /// Pushes what is loaded, and drives rigid regions.
+    /// Pushes what is loaded, drives rigid regions, and carries what tools hold.
     pub push: Kernel,
     pub drive: Kernel,
+    pub hold: Kernel,
     /// Whether velocities shall be cleared, and clears them.
     pub judge: Kernel,
     pub halt: Kernel,
@@ -243,6 +244,7 @@ impl Kernels {
             contact: contact.overlapping_function(c"contact")?,
             push: outside.function(c"push")?,
             drive: outside.function(c"drive")?,
+            hold: outside.function(c"hold")?,
             judge: outside.function(c"judge")?,
             halt: outside.function(c"halt")?,
             report: report.function(c"report")?,

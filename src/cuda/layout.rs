@@ -179,6 +179,7 @@ pub struct Report {
     pub dropped_points: u32,
     pub iterations: u32,
     pub residual: f32,
+    pub points: u32,
     pub device_ns: u64,
     pub sums: [ToolSum; MAX_TOOLS],
     pub sequence: u32,
@@ -205,6 +206,7 @@ impl Default for Report {
             dropped_points: 0,
             iterations: 0,
             residual: 0.0,
+            points: 0,
             device_ns: 0,
             sums: [ToolSum::default(); MAX_TOOLS],
             sequence: 0,
@@ -351,12 +353,36 @@ pub struct Drive {
     pub motions: CUdeviceptr,
 }
 
-/// Places in [`Contact::counts`].
-pub mod count {
-    pub const POINTS: usize = 5;
-    /// How many there are.
-    pub const COUNTS: usize = 8;
+/// A node that a tool holds.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Held {
+    rest: [f64; 3],
+    place: [f32; 3],
+    mass: f32,
+    slot: u32,
 }
+
+impl Held {
+    /// The node in a slot, and where it is in the tool's frame.
+    pub fn of(slot: u32, rest: Vec3, place: Vec3, mass: f64) -> Self {
+        Self { rest: rest.into(), place: place.map(|x| x as f32).into(), mass: mass as f32, slot }
+    }
+}
+
+/// All nodes that tools hold.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(C)]
+pub struct Hold {
+    pub count: u32,
+    pub substeps: u32,
+    pub nodes: CUdeviceptr,
+    pub starts: CUdeviceptr,
+    pub sums: CUdeviceptr,
+}
+
+/// Places in [`Contact::counts`]: how many there are.
+pub const COUNTS: usize = 8;
 
 /// Places of a contact point's fields: four numbers each, in an array over the points.
 pub mod point {
@@ -364,8 +390,16 @@ pub mod point {
     pub const AT: usize = 1;
     pub const NAMES: usize = 2;
     pub const IMPULSE: usize = 3;
-    /// How many there are.
+    /// How many there are, and how many of them the host is told.
     pub const FIELDS: usize = 7;
+    pub const TOLD: usize = 4;
+}
+
+/// What the host is told of a contact point: its first fields.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
+pub struct Touched {
+    pub fields: [[f32; 4]; point::TOLD],
 }
 
 /// A node that carries sites.
@@ -428,6 +462,7 @@ pub struct Contact {
     pub given: CUdeviceptr,
     pub points: CUdeviceptr,
     pub sums: CUdeviceptr,
+    pub touched: CUdeviceptr,
 }
 
 /// Where and when a projection takes place.

@@ -48,6 +48,8 @@ unsafe impl Plain for super::layout::Driven {}
 unsafe impl Plain for super::layout::Motion {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::EfgLaw {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Held {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]

@@ -16,6 +16,7 @@ mod near;
 mod outside;
 mod sleep;
 pub mod solver;
+mod state;
 mod surface;
 mod told;
 #[cfg(all(test, unix))] // the twins talk through pipes, and compilers go by their Unix names

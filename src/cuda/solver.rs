@@ -12,12 +12,13 @@ use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::{Kernel, Kernels};
-use super::layout::{self, Law, MARK_BYTES, Pass, REPORT_THREADS, Report, SOUND, Step, share};
+use super::layout::{self, Law, Pass, REPORT_THREADS, Report, SOUND, Step, Touched, share};
 use super::memory::{Buffer, Pinned, Stream};
 use super::near::NearTools;
 use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
+use super::state::State;
 use super::surface::SurfaceOnDevice;
 use super::told::Told;
 use crate::cpu::stability;
@@ -86,110 +87,11 @@ struct Plans {
     sleep: sleep::Plan,
 }
 
-/// What lies on the device.
-#[derive(Debug)]
-struct State {
-    bricks: u32,
-    /// Displacements and words, twice; `current` says which is which.
-    u: [Buffer<[f32; 4]>; 2],
-    current: usize,
-    /// Velocities; twice where springs are damped.
-    v: Vec<Buffer<f32>>,
-    neighbours: Buffer<[u32; 27]>,
-    flags: Buffer<u8>,
-    laws: Buffer<Law>,
-    step: Buffer<u32>,
-    marks: Buffer<u8>,
-    diverged_at: Buffer<u32>,
-    /// When the last step began, by the device's clock, in ns.
-    started: Buffer<u64>,
-    cell: f32,
-}
-
 /// Nodes as the host sees them.
 #[derive(Debug)]
 struct Mirror {
     u: Vec<[f32; 4]>,
     v: Vec<f32>,
-}
-
-impl State {
-    fn new(model: &Model, stream: &Arc<Stream>) -> Result<Self> {
-        let lattice = model.lattice();
-        let bricks = lattice.bricks().len();
-        let damped = model.laws().iter().any(|law| law.damping_s > 0.0);
-        let neighbours: Vec<[u32; 27]> = lattice.surroundings().collect();
-        // The words travel with the displacements; behind them lies the empty brick.
-        let words = lattice.words().iter().copied().chain([0; BRICK_SLOTS]);
-        let u: Vec<[f32; 4]> = words.map(|word| [0.0, 0.0, 0.0, f32::from_bits(word)]).collect();
-        let velocities = || Buffer::zeros(stream, (bricks + 1) * 3 * BRICK_SLOTS);
-        Ok(Self {
-            bricks: bricks as u32,
-            u: [Buffer::of(stream, &u)?, Buffer::of(stream, &u)?],
-            current: 0,
-            v: (0..1 + usize::from(damped)).map(|_| velocities()).collect::<Result<_>>()?,
-            neighbours: Buffer::of(stream, &neighbours)?,
-            flags: Buffer::of(stream, lattice.flags())?,
-            laws: Buffer::of(stream, &model.laws().map(|law| Law::of(&law)))?,
-            step: Buffer::zeros(stream, size_of::<Step>().div_ceil(4))?,
-            // The report reads them four by four.
-            marks: Buffer::zeros(stream, bricks.next_multiple_of(4) * MARK_BYTES)?,
-            diverged_at: {
-                let flag = Buffer::zeros(stream, 1)?;
-                flag.write(0, &[SOUND])?;
-                flag
-            },
-            started: Buffer::zeros(stream, 1)?,
-            cell: lattice.cell_m() as f32,
-        })
-    }
-
-    /// What substep number `substep` of a step reads and writes, when the step starts at copy `start` of `u`.
-    fn pass(&self, start: usize, substep: u32, mark: bool) -> Pass {
-        let from = (start + substep as usize + 1) % 2;
-        let v = |copy: usize| self.v[copy % self.v.len()].at();
-        Pass {
-            u: self.u[from].at(),
-            u_next: self.u[1 - from].at(),
-            v: v(from),
-            v_next: v(1 - from),
-            neighbours: self.neighbours.at(),
-            flags: self.flags.at(),
-            laws: self.laws.at(),
-            step: self.step.at(),
-            marks: self.marks.at(),
-            diverged_at: self.diverged_at.at(),
-            started: if substep == 1 { self.started.at() } else { 0 },
-            cell: self.cell,
-            substep,
-            mark: u32::from(mark),
-            share: share::WHOLE,
-            near_tools: 0,
-            acted_on: 0,
-            near_bricks: 0,
-            near_counts: 0,
-        }
-    }
-
-    /// Where springs are damped, velocities of the last substep are kept while new ones are written. Both are the current ones.
-    fn keep_velocities(&mut self, damped: bool, stream: &Arc<Stream>) -> Result<()> {
-        if damped && self.v.len() == 1 {
-            let mut all = vec![0.0; (self.bricks as usize + 1) * 3 * BRICK_SLOTS];
-            self.v[0].read(0, &mut all)?;
-            self.v.push(Buffer::of(stream, &all)?);
-        }
-        Ok(())
-    }
-
-    /// The current velocities.
-    fn velocities(&self) -> &Buffer<f32> {
-        &self.v[self.current % self.v.len()]
-    }
-
-    fn bytes(&self) -> u64 {
-        let fields = self.u.iter().map(Buffer::bytes).chain(self.v.iter().map(Buffer::bytes)).sum::<u64>();
-        fields + self.neighbours.bytes() + self.flags.bytes() + self.marks.bytes()
-    }
 }
 
 impl CudaSolver {
@@ -314,6 +216,10 @@ impl CudaSolver {
                     && outside.is_idle()
                     && self.kernels.contact.overlaps()
                     && blocks >= APART_BLOCKS;
+                let begins_sums = !outside.holds();
+                let resolve = |pass: &mut Pass| {
+                    self.contact.resolve(&self.kernels, &self.stream, pass, contact, substeps, begins_sums)
+                };
                 let advance = |kernel: Kernel, blocks, pass: &mut Pass, mut listed: layout::Sleep| {
                     let arguments = &mut [pointer(pass), pointer(&mut listed)];
                     kernel.launch(device, stream, blocks, BRICK_SLOTS as u32, arguments)
@@ -326,14 +232,14 @@ impl CudaSolver {
                         &mut pass,
                         self.near.as_awake(sleepers),
                     )?;
-                    self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                    resolve(&mut pass)?;
                     let mut rest = Pass { share: share::REST, started: 0, ..pass };
                     advance(kernel, blocks, &mut rest, sleepers)?;
                 } else {
                     advance(first(kernel), blocks, &mut pass, sleepers)?;
                     outside.act(&self.kernels, &self.stream, &mut pass)?;
                     if contact.tools > 0 {
-                        self.contact.resolve(&self.kernels, &self.stream, &mut pass, contact, substeps)?;
+                        resolve(&mut pass)?;
                     }
                 }
                 are_lists_new = look.is_some();
@@ -346,7 +252,8 @@ impl CudaSolver {
             let (mut marks, mut quads) = (self.state.marks.at(), self.state.marks.bytes() as u32 / 16);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
             let mut started = self.state.started.at();
-            let [mut counts, mut sums] = self.contact.told();
+            let [mut counts, mut points, mut touched] = self.contact.told();
+            let mut sums = self.contact.sums();
             let mut awake = self.sleep.on_device().counts;
             let mut report = self.report.device_at();
             let arguments = &mut [
@@ -356,8 +263,10 @@ impl CudaSolver {
                 pointer(&mut flag),
                 pointer(&mut started),
                 pointer(&mut counts),
+                pointer(&mut points),
                 pointer(&mut sums),
                 pointer(&mut awake),
+                pointer(&mut touched),
                 pointer(&mut report),
             ];
             self.kernels.report.launch(device, stream, 1, REPORT_THREADS, arguments)
@@ -451,7 +360,7 @@ impl CudaSolver {
     /// Materials or what is held have changed: what was made of them before is made anew.
     fn change(&mut self, stable_dt: f64) -> Result<()> {
         self.stable_dt = stable_dt;
-        self.outside.forget_loads();
+        self.outside.forget_masses();
         self.contact.lose_track();
         self.mirror.replace(None);
         self.sleep.wake_all()
@@ -485,7 +394,7 @@ impl Solver for CudaSolver {
         self.mirror.replace(None);
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
-        let outside = self.outside.prepare(plan, &self.body)?;
+        let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?;
         let fall = 0.5 * (plan.gravity.norm() + outside.acceleration) * duration * duration;
         let way = self.speed * duration + fall + outside.way;
         let is_at_rest = self.vis_viva == 0.0;
@@ -514,6 +423,8 @@ impl Solver for CudaSolver {
         })?;
 
         // Loads push after speeds were seen.
+        self.contact.hear(report.points);
+        self.stream.traffic.add_to_host(report.points as usize * size_of::<Touched>());
         self.speed = f64::from(report.speed2).sqrt() + outside.acceleration * plan.dt;
         self.vis_viva = report.vis_viva as f32;
         self.origins.clear();
@@ -557,8 +468,7 @@ impl Solver for CudaSolver {
 
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
         let Some(&origin) = self.origins.get(tool) else { return };
-        let found = self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt));
-        found.into_iter().for_each(show);
+        self.contact.contacts_of(tool as u32, origin, self.last_dt).for_each(show);
     }
 
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
@@ -651,10 +561,6 @@ impl Solver for CudaSolver {
             self.state.flags.write(0, &self.body.flags)?;
         }
         self.change(stable_dt)
-    }
-
-    fn can_grasp(&self) -> bool {
-        false
     }
 
     fn reset(&mut self) {

@@ -1,7 +1,7 @@
 //! What the physics publishes about one tool's contact: enough for a servo loop to know the force at any motion near by.
 
 use super::impedance::{angular, displacement, linear, stacked, velocity, wrench};
-use crate::math::{Mat3, Mat6, Pose, Vec3, all_finite};
+use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6, all_finite};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// A tool's wrench at one motion, and how it changes around it. World axes, torque and rotation about the tool's origin.
@@ -12,10 +12,11 @@ use crate::solver::tool::{ToolMotion, Wrench};
 pub struct ContactModel {
     /// Force and torque that the tissue exerts **on the tool** (F₀).
     pub wrench: Wrench,
-    /// The motion that they were computed at (x₀, v₀).
+    /// The motion that they stand for (x₀, v₀): where the tool was, which in a simulation that runs slower than life is not where it was asked to be; or where it
+    /// will be if it goes on so, see [`going_on`](Self::going_on).
     pub motion: ToolMotion,
     /// K `[N/m, N/rad; N m/m, N m/rad]`: symmetric, positive semidefinite, within the coupling's limits; what
-    /// [`clamped`](super::impedance::clamped) makes. Zero where nothing is touched.
+    /// [`clamped`](super::impedance::clamped) makes. Zero where nothing is touched. What the tissue's inertia resists with is part of it.
     pub stiffness: Mat6,
     /// B, likewise, per second.
     pub damping: Mat6,
@@ -27,7 +28,8 @@ pub struct ContactModel {
     /// Time between the last two solves, in seconds: on the servo's clock where it says the time, on the wall clock otherwise. How long this
     /// model will have to serve.
     pub period_s: f64,
-    /// The servo's own time stamp of the motion that the solve took, in seconds; NaN if there was none. Tells how old a force is from end to end.
+    /// The servo's own time stamp of the motion that the solve took the tool to, or towards, in seconds; NaN if there was none. Tells how old a force is
+    /// from end to end.
     pub stamp_s: f64,
     /// Counts the tool's models; 0 before the first.
     pub sequence: u64,
@@ -57,6 +59,25 @@ impl ContactModel {
             sequence: 0,
             epoch: 0,
         }
+    }
+
+    /// The model of a tool that went a way in the last step, and that tissue at its heels resists when it goes another one in the next: by `inertia`, in N/m
+    /// and so on, times the difference. The tissue has the velocity that the tool gave it, and goes on by itself; a tool that stops is left by it.
+    ///
+    /// That is how a step of the simulation answers: what lies under the tool has to move with it by the step's end, whatever that takes. A servo that knew
+    /// the stiffness at rest alone would press far beyond what the next step allows, and feel a blow.
+    pub fn going_on(self, way: &Vec6, inertia: &Mat6) -> Self {
+        let force = stacked(&self.wrench);
+        // The line's two ends: a tool that stops, and one that goes on.
+        let [stops, goes] = [force + inertia * way, force - self.stiffness * way];
+        let stiffness = self.stiffness + inertia;
+        // A model stands where it pushes more, for where it does not push it says nothing at all.
+        if linear(&stops).dot(&self.push) > linear(&goes).dot(&self.push) {
+            return Self { wrench: wrench(&stops), stiffness, ..self };
+        }
+        let (at, turn) = (self.motion.pose, Quat::from_scaled_axis(angular(way)));
+        let pose = Pose::from_parts((at.translation.vector + linear(way)).into(), turn * at.rotation);
+        Self { wrench: wrench(&goes), motion: ToolMotion { pose, ..self.motion }, stiffness, ..self }
     }
 
     /// Whether every number that a force could come from is finite.
@@ -245,6 +266,21 @@ mod tests {
         let felt = model.evaluate(&motion);
         assert!((felt.force_n - Vec3::new(0.3 - 0.5, -0.1, 1.5)).norm() < 1e-12, "{felt:?}");
         assert!((felt.torque_n_m - Vec3::new(0.0, 0.02 - 0.02, 0.0)).norm() < 1e-12, "{felt:?}");
+    }
+
+    #[test]
+    fn tissue_that_moves_resists_another_way_than_the_tools_last() {
+        let inertia = isotropic(2000.0, 0.0);
+        for z in [-1e-4, 1e-4, 1e-2] {
+            let before = pressed();
+            let way = Vec6::new(0.0, 0.0, z, 0.0, 0.0, 0.0);
+            let model = before.going_on(&way, &inertia);
+            // On the same way again what lasts alone has changed; where the tool stops the tissue that came with it is left or left behind.
+            let on = before.wrench.force_n.z - 500.0 * z;
+            let stopped = before.wrench.force_n.z + 2000.0 * z;
+            assert!((model.evaluate(&lifted(z)).force_n.z - on.max(0.0)).abs() < 1e-9, "{z}");
+            assert!((model.evaluate(&lifted(0.0)).force_n.z - stopped.max(0.0)).abs() < 1e-9, "{z}");
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@
 //!
 //! The proxy has no mass: at each tick its velocity is what makes spring, damper and tissue balance, taken implicitly, so that it is stable whatever
 //! the stiffness (as the quasi-static tools of Wan and McNeely 2003). In the air the balance is no force at all: a free tool feels free.
+//! The spring pulls the proxy with no more than the device renders: tissue shall not bear what no hand feels.
 
 use nalgebra::Cholesky;
 
@@ -20,6 +21,7 @@ use super::device::DeviceDesc;
 use super::impedance::{
     BlockLimit, ImpedanceLimits, angular, displacement, isotropic, linear, stacked, velocity, wrench,
 };
+use super::safety::at_most;
 use crate::error::{Error, Result};
 use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6};
 use crate::solver::tool::{ToolMotion, Wrench};
@@ -123,14 +125,24 @@ pub struct Proxy {
     spring: VirtualCoupling,
     stiffness: Mat6,
     damping: Mat6,
+    /// How far from its device the spring pulls the proxy with all that the device renders, in m and rad. Farther away it pulls no more.
+    stretch: BlockLimit,
+    /// As fast as the device may: tissue throws the proxy no faster, and it falls back into tissue no faster, in m/s.
+    fastest_m_s: f64,
     turns_freely: bool,
     motion: ToolMotion,
 }
 
 impl Proxy {
     /// Where the device is.
-    pub fn new(coupling: &VirtualCoupling, device: &ToolMotion) -> Self {
+    pub fn new(coupling: &VirtualCoupling, desc: &DeviceDesc, device: &ToolMotion) -> Self {
         Self {
+            stretch: BlockLimit {
+                linear: desc.max_force_n / coupling.stiffness_n_per_m,
+                // Without a torsional spring nothing is pulled.
+                angular: desc.max_torque_n_m / coupling.stiffness_n_m_per_rad.max(f64::MIN_POSITIVE),
+            },
+            fastest_m_s: desc.max_speed_m_s,
             spring: *coupling,
             stiffness: isotropic(coupling.stiffness_n_per_m, coupling.stiffness_n_m_per_rad),
             damping: isotropic(coupling.damping_n_s_per_m, coupling.damping_n_m_s_per_rad),
@@ -164,28 +176,37 @@ impl Proxy {
     }
 
     /// As [`Self::advance`] for a proxy that turns with its device: three numbers to balance instead of six. `law` is around
-    /// [`Self::turned`]. Gives the force alone.
-    pub fn advance_straight(&mut self, law: &StraightLaw, device: &ToolMotion, dt: f64) -> Vec3 {
+    /// [`Self::turned`]. Gives the forces alone: what the device feels, and what of it lasts.
+    pub fn advance_straight(&mut self, law: &StraightLaw, device: &ToolMotion, dt: f64) -> [Vec3; 2] {
         if dt > 0.0 {
             let way = device.pose.translation.vector - self.motion.pose.translation.vector;
+            let (way, _) = at_most(way, self.stretch.linear);
             let mut moving = self.balance(law, way, device, dt);
             if moving.is_some_and(|v| law.has_left(v, dt)) {
                 // As below.
                 moving = self.balance(&StraightLaw::none(), way, device, dt);
             }
-            let moved = moving.map(|v| ToolMotion {
-                pose: Pose::from_parts(
-                    (self.motion.pose.translation.vector + v * dt).into(),
-                    device.pose.rotation,
-                ),
-                linear_m_s: v,
-                angular_rad_s: device.angular_rad_s,
+            let moved = moving.map(|v| {
+                let v = self.kept_slow(v, &law.push, device);
+                let at = self.motion.pose.translation.vector + v * dt;
+                ToolMotion {
+                    pose: Pose::from_parts(at.into(), device.pose.rotation),
+                    linear_m_s: v,
+                    angular_rad_s: device.angular_rad_s,
+                }
             });
             self.motion = moved.filter(|moved| is_within_reach(moved, device)).unwrap_or(*device);
         }
         let offset = self.motion.pose.translation.vector - device.pose.translation.vector;
         let faster = self.motion.linear_m_s - device.linear_m_s;
-        offset * self.spring.stiffness_n_per_m + faster * self.spring.damping_n_s_per_m
+        let pull = offset * self.spring.stiffness_n_per_m;
+        [pull + faster * self.spring.damping_n_s_per_m, pull]
+    }
+
+    /// A velocity near tissue that pushes along `push`: no faster than the device may be, unless the device itself draws the proxy out.
+    fn kept_slow(&self, v: Vec3, push: &Vec3, device: &ToolMotion) -> Vec3 {
+        let away = device.pose.translation.vector - self.motion.pose.translation.vector;
+        if *push == Vec3::zeros() || away.dot(push) > 0.0 { v } else { at_most(v, self.fastest_m_s).0 }
     }
 
     /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d.
@@ -196,51 +217,59 @@ impl Proxy {
         solve(&resistance, load)
     }
 
-    /// Moves the proxy to where spring, damper and tissue balance after `dt` seconds, and gives the wrench that the device feels. `law` is
-    /// the tissue's, around the proxy's motion.
-    pub fn advance(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) -> Wrench {
+    /// Moves the proxy to where spring, damper and tissue balance after `dt` seconds, and gives the wrench that the device feels, and what of it lasts: the
+    /// spring's share, without the damper's, which goes with the motion. `law` is the tissue's, around the proxy's motion.
+    pub fn advance(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) -> [Wrench; 2] {
         if !self.turns_freely {
-            let force_n = self.advance_straight(&law.straight(&self.turned(device)), device, dt);
             // A proxy that turns with the device has no spring to tell the torque.
-            return Wrench { force_n, torque_n_m: law.evaluate(&self.motion).torque_n_m };
+            let forces = self.advance_straight(&law.straight(&self.turned(device)), device, dt);
+            let torque_n_m = law.evaluate(&self.motion).torque_n_m;
+            return forces.map(|force_n| Wrench { force_n, torque_n_m });
         }
         if dt > 0.0 {
             let start = self.motion;
-            self.move_against(law, device, dt);
+            self.move_against(law, &law.push, device, dt);
             if law.has_left(&self.motion) {
                 // The line through the tissue's force would have to pull to hold it there: it is in the air.
                 self.motion = start;
-                self.move_against(&ContactModel::none(), device, dt);
+                self.move_against(&ContactModel::none(), &law.push, device, dt);
             }
         }
-        let offset = displacement(&device.pose, &self.motion.pose);
+        let pull = self.stiffness * displacement(&device.pose, &self.motion.pose);
         let faster = velocity(&self.motion) - velocity(device);
-        wrench(&(self.stiffness * offset + self.damping * faster))
+        [pull + self.damping * faster, pull].map(|w| wrench(&w))
     }
 
-    /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d.
-    fn move_against(&mut self, law: &ContactModel, device: &ToolMotion, dt: f64) {
+    /// One implicit step: (B_vc + B + dt (K_vc + K)) v = F₀ − K (x − x₀) + B v₀ + K_vc (x_d − x) + B_vc v_d, near tissue that pushes along `push`.
+    fn move_against(&mut self, law: &ContactModel, push: &Vec3, device: &ToolMotion, dt: f64) {
         let resistance = self.damping + law.damping + (self.stiffness + law.stiffness) * dt;
         let load = stacked(&law.wrench) - law.stiffness * displacement(&law.motion.pose, &self.motion.pose)
             + law.damping * velocity(&law.motion)
-            + self.stiffness * displacement(&self.motion.pose, &device.pose)
+            + self.stiffness * self.stretched(&displacement(&self.motion.pose, &device.pose))
             + self.damping * velocity(device);
         let moving = Cholesky::new(resistance).map(|factor| factor.solve(&load));
-        let moved = moving.map(|v| self.moved(&v, dt)).filter(|moved| is_within_reach(moved, device));
+        let moved = moving.map(|v| {
+            let slow = self.kept_slow(linear(&v), push, device);
+            self.moved(slow, angular(&v), dt)
+        });
+        let moved = moved.filter(|moved| is_within_reach(moved, device));
         // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
         self.motion = moved.unwrap_or(*device);
     }
 
+    /// What of a way to the device the spring answers.
+    fn stretched(&self, way: &Vec6) -> Vec6 {
+        let (near, _) = at_most(linear(way), self.stretch.linear);
+        let (turn, _) = at_most(angular(way), self.stretch.angular);
+        Vec6::new(near.x, near.y, near.z, turn.x, turn.y, turn.z)
+    }
+
     /// Where a velocity leads.
-    fn moved(&self, moving: &Vec6, dt: f64) -> ToolMotion {
-        let at = self.motion.pose.translation.vector + linear(moving) * dt;
-        let mut rotation = Quat::from_scaled_axis(angular(moving) * dt) * self.motion.pose.rotation;
+    fn moved(&self, linear_m_s: Vec3, angular_rad_s: Vec3, dt: f64) -> ToolMotion {
+        let at = self.motion.pose.translation.vector + linear_m_s * dt;
+        let mut rotation = Quat::from_scaled_axis(angular_rad_s * dt) * self.motion.pose.rotation;
         rotation.renormalize_fast();
-        ToolMotion {
-            pose: Pose::from_parts(at.into(), rotation),
-            linear_m_s: linear(moving),
-            angular_rad_s: angular(moving),
-        }
+        ToolMotion { pose: Pose::from_parts(at.into(), rotation), linear_m_s, angular_rad_s }
     }
 }
 
@@ -274,7 +303,7 @@ fn is_within_reach(proxy: &ToolMotion, device: &ToolMotion) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::servo::patch::Patch;
+    use crate::servo::patch::{Patch, Tissue};
 
     const DT: f64 = 1e-3;
 
@@ -310,10 +339,11 @@ mod tests {
             damping: root * root.transpose() * 1e-3,
             ..ContactModel::none()
         };
-        let mut proxy = Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &at(0.0, 0.0));
+        let mut proxy =
+            Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &DeviceDesc::touch(), &at(0.0, 0.0));
         let turned = Pose::new(Vec3::new(1e-3, 0.0, -2e-3), Vec3::new(0.0, 2e-3, 1e-3));
         let device = ToolMotion { angular_rad_s: Vec3::new(0.0, 2.0, 1.0), ..ToolMotion::at(turned) };
-        let felt = proxy.advance(&law, &device, DT).force_n;
+        let felt = proxy.advance(&law, &device, DT)[0].force_n;
         // Massless: what the coupling pulls with is what the tissue pushes back with, where it then is.
         let tissue = law.evaluate(proxy.motion()).force_n;
         assert!((felt - tissue).norm() < 1e-9, "{felt} against {tissue}");
@@ -353,11 +383,12 @@ mod tests {
 
     /// The force at the end of a slow way down.
     fn pressed(depth_m: f64, soft: f64, hard: f64) -> (f64, f64) {
-        let mut proxy = Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &at(0.0, 0.01));
+        let mut proxy =
+            Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &DeviceDesc::touch(), &at(0.0, 0.01));
         let mut felt = 0.0;
         for tick in 0..=2000 {
             let device = at(0.0, 0.01 - (depth_m + 0.01) * (f64::from(tick) / 1000.0).min(1.0));
-            felt = proxy.advance(&floor(proxy.motion(), soft, hard), &device, DT).force_n.z;
+            felt = proxy.advance(&floor(proxy.motion(), soft, hard), &device, DT)[0].force_n.z;
         }
         (felt, -proxy.motion().pose.translation.z)
     }
@@ -384,13 +415,13 @@ mod tests {
 
     #[test]
     fn a_free_tool_follows_without_any_force() {
-        let coupling =
-            VirtualCoupling { damping_n_s_per_m: 3.0, ..VirtualCoupling::of(&DeviceDesc::touch()) };
-        let mut proxy = Proxy::new(&coupling, &at(0.0, 0.0));
+        let desc = DeviceDesc::touch();
+        let coupling = VirtualCoupling { damping_n_s_per_m: 3.0, ..VirtualCoupling::of(&desc) };
+        let mut proxy = Proxy::new(&coupling, &desc, &at(0.0, 0.0));
         for tick in 0..100 {
             let mut device = at(1e-4 * f64::from(tick), 0.0);
             device.linear_m_s = Vec3::x() * 0.1;
-            let felt = proxy.advance(&ContactModel::none(), &device, DT);
+            let [felt, _] = proxy.advance(&ContactModel::none(), &device, DT);
             assert!(felt.force_n.norm() < 1e-9, "{felt:?} at tick {tick}");
         }
         let lag = 99e-4 - proxy.motion().pose.translation.x;
@@ -399,14 +430,45 @@ mod tests {
 
     #[test]
     fn leaving_tissue_never_pulls() {
-        let mut proxy = Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &at(0.0, 0.0));
+        let mut proxy =
+            Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &DeviceDesc::touch(), &at(0.0, 0.0));
         for tick in 0..400 {
             // In and out in a fifth of a second, stale by two ticks at a time.
             let device = at(0.0, 2e-3 - 8e-3 * (f64::from(tick) * 0.0157).sin().abs());
             let law = floor(&proxy.motion().clone(), 200.0, 200.0);
             for _ in 0..2 {
-                let felt = proxy.advance(&law, &device, DT);
+                let [felt, _] = proxy.advance(&law, &device, DT);
                 assert!(felt.force_n.z > -1e-9, "{felt:?} at tick {tick}");
+            }
+        }
+    }
+
+    #[test]
+    fn bone_is_pressed_with_no_more_than_the_device_renders() {
+        for desc in [turning_device(), DeviceDesc::touch()] {
+            let mut proxy = Proxy::new(&VirtualCoupling::of(&desc), &desc, &at(0.0, 0.0));
+            for tick in 0..2000 {
+                let device = at(0.0, -2e-2 * (f64::from(tick) / 1000.0).min(1.0));
+                proxy.advance(&floor(proxy.motion(), 1e5, 1e5), &device, DT);
+            }
+            let pressed = -1e5 * proxy.motion().pose.translation.z;
+            assert!((pressed - desc.max_force_n).abs() < 1e-3, "{pressed} N, 20 mm behind the surface");
+        }
+    }
+
+    #[test]
+    fn what_lasts_is_the_springs_share_and_not_the_dampers() {
+        for desc in [turning_device(), DeviceDesc::touch()] {
+            let coupling = VirtualCoupling { damping_n_s_per_m: 3.0, ..VirtualCoupling::of(&desc) };
+            let mut proxy = Proxy::new(&coupling, &desc, &at(0.0, 0.0));
+            for tick in 1..=100 {
+                let mut device = at(0.0, -5e-5 * f64::from(tick));
+                device.linear_m_s = Vec3::z() * -0.05;
+                let [felt, lasts] = proxy.advance(&floor(proxy.motion(), 200.0, 200.0), &device, DT);
+                let offset = proxy.motion().pose.translation.z - device.pose.translation.z;
+                assert!((lasts.force_n.z - 700.0 * offset).abs() < 1e-9, "{lasts:?}");
+                let damped = (felt.force_n.z - lasts.force_n.z).abs();
+                assert!(damped > 1e-3 || tick < 10, "{felt:?} and {lasts:?}");
             }
         }
     }
@@ -414,7 +476,8 @@ mod tests {
     #[test]
     fn friction_is_felt_in_full() {
         // Coulomb friction of 0.4 at 1 N: sticks by 500 N/m to where it last slid, and slides.
-        let mut proxy = Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &at(0.0, 0.0));
+        let mut proxy =
+            Proxy::new(&VirtualCoupling::of(&DeviceDesc::touch()), &DeviceDesc::touch(), &at(0.0, 0.0));
         let (mut anchor, mut felt) = (0.0, Vec3::zeros());
         for tick in 0..1000 {
             let x = proxy.motion().pose.translation.x;
@@ -427,7 +490,7 @@ mod tests {
                 push: Vec3::z(),
                 ..ContactModel::none()
             };
-            felt = proxy.advance(&law, &at(2e-5 * f64::from(tick), 0.0), DT).force_n;
+            felt = proxy.advance(&law, &at(2e-5 * f64::from(tick), 0.0), DT)[0].force_n;
         }
         assert!((felt.x + 0.4).abs() < 1e-3, "{felt}");
     }
@@ -435,11 +498,11 @@ mod tests {
     #[test]
     fn torque_comes_through_a_torsional_spring_or_straight_from_the_tissue() {
         for desc in [turning_device(), DeviceDesc::touch()] {
-            let mut proxy = Proxy::new(&VirtualCoupling::of(&desc), &at(0.0, 0.0));
+            let mut proxy = Proxy::new(&VirtualCoupling::of(&desc), &desc, &at(0.0, 0.0));
             let device = ToolMotion::at(Pose::rotation(Vec3::z() * 0.1));
             let law =
                 ContactModel { stiffness: isotropic(0.0, 0.5), motion: at(0.0, 0.0), ..ContactModel::none() };
-            let felt = (0..100).fold(Wrench::default(), |_, _| proxy.advance(&law, &device, DT));
+            let felt = (0..100).fold(Wrench::default(), |_, _| proxy.advance(&law, &device, DT)[0]);
             let stiffness = if desc.has_torque() { 0.5 / 1.5 } else { 0.5 };
             assert!((felt.torque_n_m + Vec3::z() * 0.1 * stiffness).norm() < 1e-6, "{felt:?}");
         }
@@ -447,21 +510,22 @@ mod tests {
 
     #[test]
     fn a_stylus_pressed_at_its_tip_is_felt_with_the_torque_of_its_lever() {
-        let coupling = VirtualCoupling::of(&turning_device());
-        let mut proxy = Proxy::new(&coupling, &at(0.0, 0.0));
+        let desc = turning_device();
+        let coupling = VirtualCoupling::of(&desc);
+        let mut proxy = Proxy::new(&coupling, &desc, &at(0.0, 0.0));
         // The tip is 40 mm aside and 30 mm below, in tissue that holds it in all directions.
         let tip = Patch {
             point_m: Vec3::new(0.04, 0.0, -0.03),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            young_pa: 10e3,
-            poisson: 0.45,
+            tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 },
             sticks: true,
+            cell_m: 0.0,
         };
         let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };
         let way = Vec6::new(1e-3, 0.0, -2e-3, 0.01, -0.02, 0.0);
         let device = ToolMotion::at(Pose::new(linear(&way), angular(&way)));
-        let felt = (0..2000).fold(Wrench::default(), |_, _| proxy.advance(&law, &device, DT));
+        let felt = (0..2000).fold(Wrench::default(), |_, _| proxy.advance(&law, &device, DT)[0]);
         // Both springs take the same wrench: K_vc (x_d − x) = K x. Small turns, so that rotation vectors add.
         let springs = isotropic(coupling.stiffness_n_per_m, coupling.stiffness_n_m_per_rad);
         let tool = (springs + law.stiffness).try_inverse().unwrap() * springs * way;

@@ -16,7 +16,7 @@
 //! use palpate::channel::latest::latest;
 //! use palpate::servo::contact_model::ContactModel;
 //! use palpate::servo::device::DeviceDesc;
-//! use palpate::servo::patch::Patch;
+//! use palpate::servo::patch::{Patch, Tissue};
 //! use palpate::servo::stiffness::StiffnessEstimator;
 //! use palpate::servo::{DeviceState, Servo, ServoOptions};
 //! # use palpate::math::{Pose, Vec3};
@@ -25,13 +25,15 @@
 //! let device = DeviceDesc::touch();
 //! let options = ServoOptions::of(&device);
 //! let mut servo = Servo::new(&device, &options)?;
-//! let mut estimator = StiffnessEstimator::new(&options.coupling.limits(&device), 0.0);
+//! let mut estimator = StiffnessEstimator::new(&options.coupling.limits(&device));
 //! let (mut models, mut newest) = latest(ContactModel::none());
 //!
 //! // On the simulation's thread, after a solve:
 //! # let (motion, wrench, contacts) = (ToolMotion::at(Pose::identity()), Wrench::default(), Vec::<Contact>::new());
 //! # let (time_s, period_s, stamp_s, sequence) = (0.0, 1e-3, 0.0, 1);
-//! let patch = Patch::of(&contacts, |_material| (10e3, 0.45), 0.2);
+//! let tissue =
+//!     |_material| Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 };
+//! let patch = Patch::of(&contacts, tissue, 0.2, 4e-3);
 //! let found = estimator.update(patch.as_ref(), &motion, &wrench, period_s);
 //! models.publish(ContactModel {
 //!     wrench,
@@ -168,7 +170,7 @@ impl Servo {
             Coupling::Direct => None,
             Coupling::Virtual(coupling) => {
                 coupling.check(desc)?;
-                Some(Proxy::new(coupling, &motion))
+                Some(Proxy::new(coupling, desc, &motion))
             }
         };
         Ok(Self {
@@ -205,11 +207,12 @@ impl Servo {
             Tick::Steady(dt) => dt,
             Tick::Fresh | Tick::Unknown => 0.0,
         };
-        let wrench = self.couple(dt);
+        let [wrench, lasting] = self.couple(dt);
         let (wrench, damped) = self.keep_passive(wrench, dt);
 
         let (wrench, flags) = self.chain.pass(&Asked {
             wrench,
+            lasting,
             motion: self.motion,
             tick,
             age_s: self.follower.age_s(self.clock.now_s()),
@@ -272,25 +275,27 @@ impl Servo {
         true
     }
 
-    /// The wrench that the device feels, and where the tool goes.
-    fn couple(&mut self, dt: f64) -> Wrench {
+    /// The wrench that the device feels, and what of it lasts; and where the tool goes.
+    fn couple(&mut self, dt: f64) -> [Wrench; 2] {
         let now = self.clock.now_s();
         match &mut self.proxy {
             None if !self.desc.has_torque() => {
-                let force_n = self.follower.straight(&self.motion, now).force_n;
-                Wrench { force_n, ..Wrench::default() }
+                let moves = |motion: &ToolMotion| self.follower.straight(motion, now).force_n;
+                [moves(&self.motion), moves(&ToolMotion::at(self.motion.pose))]
+                    .map(|force_n| Wrench { force_n, ..Wrench::default() })
             }
-            None => self.follower.evaluate(&self.motion, now),
+            None => [self.motion, ToolMotion::at(self.motion.pose)]
+                .map(|motion| self.follower.evaluate(&motion, now)),
             Some(proxy) if !proxy.turns_freely() => {
                 let law = self.follower.straight(&proxy.turned(&self.motion), now);
-                let force_n = proxy.advance_straight(&law, &self.motion, dt);
+                let forces = proxy.advance_straight(&law, &self.motion, dt);
                 // Only the tissue can tell the torque, where there are motors for it.
                 let torque_n_m = if self.desc.has_torque() {
                     self.follower.evaluate(proxy.motion(), now).torque_n_m
                 } else {
                     Vec3::zeros()
                 };
-                Wrench { force_n, torque_n_m }
+                forces.map(|force_n| Wrench { force_n, torque_n_m })
             }
             Some(proxy) => {
                 let law = self.follower.law(proxy.motion(), now);

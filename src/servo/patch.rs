@@ -1,8 +1,23 @@
-//! Where and how widely a tool touches tissue, and how stiff a half-space would be there.
+//! Where and how widely a tool touches tissue, and how stiff and heavy a half-space would be there.
+
+use std::f64::consts::PI;
 
 use super::contact_model::push_direction;
 use crate::math::{Mat3, Mat6, Pose, Vec3};
 use crate::solver::tool::Contact;
+
+/// What tissue is made of where it is touched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tissue {
+    /// Young's modulus in Pa.
+    pub young_pa: f64,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Its viscosity as a share of its stiffness, in s: the β of Rayleigh's damping.
+    pub relaxation_s: f64,
+    /// In kg/m³.
+    pub density_kg_m3: f64,
+}
 
 /// What is known of a tool's contact. World axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,24 +28,32 @@ pub struct Patch {
     pub normal: Vec3,
     /// Radius of a circle as large as the contact, in m.
     pub radius_m: f64,
-    /// Young's modulus of the tissue in Pa.
-    pub young_pa: f64,
-    /// Its Poisson's ratio.
-    pub poisson: f64,
+    /// What is touched, on average.
+    pub tissue: Tissue,
     /// Whether friction holds the tissue to the tool: without, there is no tangential stiffness.
     pub sticks: bool,
+    /// Edge of the cells that the tissue is divided into, in m; 0 where it is not.
+    pub cell_m: f64,
 }
 
 /// Share of the largest friction from which on a contact counts as sliding.
 const SLIDING: f64 = 0.9;
+/// Least 1 − 2 ν, that of the largest Poisson's ratio that models take: a pressure wave of incompressible tissue would have no end.
+const LEAST_GIVE: f64 = 0.02;
 
 impl Patch {
-    /// The contact that these points make, or `None` where nothing pushes. `elasticity` gives Young's modulus in Pa and Poisson's ratio of a
-    /// material's index; `friction` is the tool's coefficient.
+    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for; `friction` is the tool's
+    /// coefficient; `cell_m` the edge of the tissue's cells, 0 where it is not divided.
     ///
     /// All is weighed by the normal forces. The radius is that of the circle over which Hertz's pressure, p ∝ √(1 − r²/a²), has the same mean square
-    /// distance from its middle: 2 a² / 5.
-    pub fn of(contacts: &[Contact], elasticity: impl Fn(u8) -> (f64, f64), friction: f64) -> Option<Self> {
+    /// distance from its middle: 2 a² / 5; but at least that of a circle as large as a cell's face, for a single point has no extent of its own, but moves
+    /// what it hangs on.
+    pub fn of(
+        contacts: &[Contact],
+        tissue: impl Fn(u8) -> Tissue,
+        friction: f64,
+        cell_m: f64,
+    ) -> Option<Self> {
         let pressing = |contact: &Contact| contact.force_n.dot(&contact.normal).max(0.0);
         let total: f64 = contacts.iter().map(pressing).sum();
         // Written so that a NaN is no contact.
@@ -48,9 +71,14 @@ impl Patch {
         Some(Self {
             point_m,
             normal,
-            radius_m: (2.5 * mean(&aside)).sqrt(),
-            young_pa: mean(&|c| elasticity(c.material).0),
-            poisson: mean(&|c| elasticity(c.material).1),
+            radius_m: (2.5 * mean(&aside)).sqrt().max(cell_m / PI.sqrt()),
+            tissue: Tissue {
+                young_pa: mean(&|c| tissue(c.material).young_pa),
+                poisson: mean(&|c| tissue(c.material).poisson),
+                relaxation_s: mean(&|c| tissue(c.material).relaxation_s),
+                density_kg_m3: mean(&|c| tissue(c.material).density_kg_m3),
+            },
+            cell_m,
             sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
         })
     }
@@ -58,10 +86,32 @@ impl Patch {
     /// The stiffness that this contact has on a half-space, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
     /// as that of a rigid circle of radius a (Johnson, "Contact Mechanics", 1985, chapters 3 and 7).
     pub fn stiffness(&self, origin: &Pose) -> Mat6 {
-        let plane_strain = self.young_pa / (1.0 - self.poisson * self.poisson);
-        let shear = self.young_pa / (2.0 * (1.0 + self.poisson));
+        let Tissue { young_pa, poisson, .. } = self.tissue;
+        let plane_strain = young_pa / (1.0 - poisson * poisson);
+        let shear = young_pa / (2.0 * (1.0 + poisson));
         let normal = 2.0 * plane_strain * self.radius_m;
-        let tangential = if self.sticks { 8.0 * shear * self.radius_m / (2.0 - self.poisson) } else { 0.0 };
+        self.springs(origin, normal, 8.0 * shear * self.radius_m / (2.0 - poisson))
+    }
+
+    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin: m / T², for the force that turns
+    /// the tissue's velocity into the tool's acts as long as the step. The tissue is what lies under the contact as deep as a cell and a wave in that time: a
+    /// pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in Elastic Solids", 1973, chapter 4). A single point
+    /// moves all nodes of its cell, and so as much as lies under four faces.
+    pub fn inertia(&self, origin: &Pose, step_s: f64) -> Mat6 {
+        let Tissue { young_pa, poisson, density_kg_m3, .. } = self.tissue;
+        let shear = young_pa / (2.0 * (1.0 + poisson));
+        let pressure = 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson).max(LEAST_GIVE);
+        let area = (PI * self.radius_m * self.radius_m).max(4.0 * self.cell_m * self.cell_m);
+        let resists = |modulus: f64| {
+            let depth = self.cell_m + (modulus / density_kg_m3).sqrt() * step_s;
+            density_kg_m3 * area * depth / (step_s * step_s)
+        };
+        self.springs(origin, resists(pressure), resists(shear))
+    }
+
+    /// Springs that hold the contact, N/m along the normal and, where it sticks, across it, about the tool's origin.
+    fn springs(&self, origin: &Pose, normal: f64, tangential: f64) -> Mat6 {
+        let tangential = if self.sticks { tangential } else { 0.0 };
         let along = self.normal * self.normal.transpose();
         let springs = along * normal + (Mat3::identity() - along) * tangential;
         // The springs hold a point of the tool, an arm away from its origin: it moves by u + θ × r, and turns the tool by r × f.
@@ -81,15 +131,22 @@ mod tests {
     use super::*;
     use crate::math::Vec6;
 
+    const SOFT: Tissue = Tissue { young_pa: 5e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 };
+
     /// A flat tip of 5 mm on E* = 12.5 kPa, incompressible.
     fn patch() -> Patch {
         Patch {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            young_pa: 12.5e3 * 0.75,
-            poisson: 0.5,
+            tissue: Tissue {
+                young_pa: 12.5e3 * 0.75,
+                poisson: 0.5,
+                relaxation_s: 0.0,
+                density_kg_m3: 1000.0,
+            },
             sticks: true,
+            cell_m: 0.0,
         }
     }
 
@@ -135,28 +192,63 @@ mod tests {
 
     #[test]
     fn points_of_a_hertzian_contact_give_its_circle() {
-        let elasticity = |material| if material == 1 { (4e3, 0.4) } else { (6e3, 0.48) };
-        let found = Patch::of(&hertzian(0.0), elasticity, 0.0).unwrap();
+        let tissue = |material| match material {
+            1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3, density_kg_m3: 900.0 },
+            _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3, density_kg_m3: 1100.0 },
+        };
+        let found = Patch::of(&hertzian(0.0), tissue, 0.0, 1e-3).unwrap();
         assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
         assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
         // A line of points more on one half than on the other.
-        assert!((found.young_pa - 5e3).abs() < 30.0 && (found.poisson - 0.44).abs() < 2e-3, "{found:?}");
+        let Tissue { young_pa, poisson, relaxation_s, density_kg_m3 } = found.tissue;
+        assert!((young_pa - 5e3).abs() < 30.0 && (poisson - 0.44).abs() < 2e-3, "{found:?}");
+        assert!((relaxation_s - 2e-3).abs() < 5e-5 && (density_kg_m3 - 1000.0).abs() < 3.0, "{found:?}");
+    }
+
+    #[test]
+    fn a_contact_is_as_heavy_as_what_a_wave_reaches_in_a_step() {
+        // 5 kPa, ν 0.45: M = 18.97 kPa and G = 1.724 kPa; waves of 4.355 and 1.313 m/s.
+        let (area, cell) = (PI * 25e-6, 3e-3);
+        let patch = Patch { tissue: SOFT, cell_m: cell, ..patch() };
+        for step in [1e-3, 4e-3] {
+            let inertia = patch.inertia(&Pose::identity(), step);
+            for (axis, speed) in [(Vec3::z(), 4.355), (Vec3::x(), 1.313)] {
+                let expected = 1000.0 * area * (cell + speed * step) / (step * step);
+                let found = stiffness_along(&inertia, axis);
+                assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
+            }
+        }
+        let slippery = Patch { sticks: false, ..patch };
+        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3), Vec3::x()), 0.0);
+        let incompressible = Patch { tissue: Tissue { poisson: 0.5, ..SOFT }, ..patch };
+        assert!(incompressible.inertia(&Pose::identity(), 1e-3).iter().all(|x| x.is_finite()));
+    }
+
+    #[test]
+    fn a_single_point_is_as_stiff_as_the_smallest_contact() {
+        let point = Contact { force_n: -Vec3::z(), ..hertzian(0.0)[0] };
+        let cell_m = 2e-3 * PI.sqrt();
+        let found = Patch::of(&[point], |_| SOFT, 0.3, cell_m).unwrap();
+        let stiffness = stiffness_along(&found.stiffness(&Pose::identity()), Vec3::z());
+        assert!((stiffness - 2.0 * 5e3 / (1.0 - 0.45 * 0.45) * 2e-3).abs() < 1e-9, "2 E* a: {stiffness}");
+        // Where points make a larger circle, that is the contact's.
+        assert!(Patch::of(&hertzian(0.0), |_| SOFT, 0.3, cell_m).unwrap().radius_m > 3.9e-3);
     }
 
     #[test]
     fn a_contact_sticks_inside_the_cone_of_friction() {
         let sticks =
-            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| (5e3, 0.45), friction).unwrap().sticks;
+            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| SOFT, friction, 0.0).unwrap().sticks;
         assert!(sticks(0.2, 0.3) && !sticks(0.3, 0.3) && !sticks(0.0, 0.0));
     }
 
     #[test]
     fn nothing_that_pushes_is_no_contact() {
-        assert_eq!(Patch::of(&[], |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&[], |_| SOFT, 0.0, 1e-3), None);
         let still: Vec<_> =
             hertzian(0.0).into_iter().map(|c| Contact { force_n: Vec3::zeros(), ..c }).collect();
-        assert_eq!(Patch::of(&still, |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&still, |_| SOFT, 0.0, 1e-3), None);
         let lost = Contact { force_n: Vec3::repeat(f64::NAN), ..still[0] };
-        assert_eq!(Patch::of(&[lost], |_| (5e3, 0.45), 0.0), None);
+        assert_eq!(Patch::of(&[lost], |_| SOFT, 0.0, 1e-3), None);
     }
 }

@@ -24,7 +24,6 @@ const MEMORY_S: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub struct StiffnessEstimator {
     limits: ImpedanceLimits,
-    relaxation_s: f64,
     /// What was learned beyond the patch's stiffness, lengths and radians made alike.
     learned: Mat6,
     /// Where the present way began.
@@ -49,10 +48,9 @@ pub struct Estimate {
 }
 
 impl StiffnessEstimator {
-    /// For matrices within these limits, and tissue whose viscosity is `relaxation_s` times its stiffness (the β of Rayleigh's damping; 0
-    /// without viscosity). The limits are those of [`Coupling::limits`](super::coupling::Coupling::limits).
-    pub fn new(limits: &ImpedanceLimits, relaxation_s: f64) -> Self {
-        Self { limits: *limits, relaxation_s, learned: Mat6::zeros(), start: None }
+    /// For matrices within these limits: those of [`Coupling::limits`](super::coupling::Coupling::limits).
+    pub fn new(limits: &ImpedanceLimits) -> Self {
+        Self { limits: *limits, learned: Mat6::zeros(), start: None }
     }
 
     /// Forgets what was learned.
@@ -76,7 +74,7 @@ impl StiffnessEstimator {
         };
         self.learned *= (-dt / MEMORY_S).exp();
         let known = alike(&patch.stiffness(&motion.pose));
-        self.learn(&known, motion, wrench, dt);
+        self.learn(&known, patch.tissue.relaxation_s, motion, wrench, dt);
         let all = known + self.learned;
         if !all.iter().all(|x| x.is_finite()) {
             self.reset();
@@ -84,12 +82,12 @@ impl StiffnessEstimator {
         let all = unlike(&all);
         Estimate {
             stiffness: clamped(&all, &self.limits.stiffness),
-            damping: clamped(&(all * self.relaxation_s), &self.limits.damping),
+            damping: clamped(&(all * patch.tissue.relaxation_s), &self.limits.damping),
         }
     }
 
     /// Explains the change of the wrench since the way began, once the way is long enough.
-    fn learn(&mut self, known: &Mat6, motion: &ToolMotion, wrench: &Wrench, dt: f64) {
+    fn learn(&mut self, known: &Mat6, relaxation_s: f64, motion: &ToolMotion, wrench: &Wrench, dt: f64) {
         let here = Start { motion: *motion, wrench: *wrench, ago_s: 0.0 };
         let Some(start) = self.start.as_mut() else {
             self.start = Some(here);
@@ -98,7 +96,7 @@ impl StiffnessEstimator {
         start.ago_s += dt;
         // Viscosity that goes with stiffness makes a faster tool feel like a deeper one.
         let faster = velocity(motion) - velocity(&start.motion);
-        let way = lengths(&(displacement(&start.motion.pose, &motion.pose) + faster * self.relaxation_s));
+        let way = lengths(&(displacement(&start.motion.pose, &motion.pose) + faster * relaxation_s));
         let square = way.norm_squared();
         if square < STRIDE_M * STRIDE_M {
             if start.ago_s > STRIDE_S {
@@ -145,6 +143,7 @@ mod tests {
     use super::super::coupling::Coupling;
     use super::super::device::DeviceDesc;
     use super::super::impedance::isotropic;
+    use super::super::patch::Tissue;
     use super::*;
     use crate::math::{Pose, Quat, Vec3};
 
@@ -155,14 +154,19 @@ mod tests {
             point_m: Vec3::zeros(),
             normal: Vec3::z(),
             radius_m: 5e-3,
-            young_pa: 12.5e3 * 0.75,
-            poisson: 0.5,
+            tissue: Tissue {
+                young_pa: 12.5e3 * 0.75,
+                poisson: 0.5,
+                relaxation_s: 0.0,
+                density_kg_m3: 1000.0,
+            },
             sticks: true,
+            cell_m: 0.0,
         }
     }
 
     fn estimator() -> StiffnessEstimator {
-        StiffnessEstimator::new(&Coupling::Direct.limits(&DeviceDesc::touch()), 0.0)
+        StiffnessEstimator::new(&Coupling::Direct.limits(&DeviceDesc::touch()))
     }
 
     /// Moves along a line through springs, and gives the last estimate.
@@ -247,7 +251,8 @@ mod tests {
     #[test]
     fn viscosity_is_not_taken_for_stiffness() {
         // 200 N/m with a relaxation of 5 ms: 1 N s/m, pressed by a sinusoid of 5 Hz.
-        let mut estimator = StiffnessEstimator::new(&Coupling::Direct.limits(&DeviceDesc::touch()), 5e-3);
+        let mut estimator = estimator();
+        let viscous = Patch { tissue: Tissue { relaxation_s: 5e-3, ..patch().tissue }, ..patch() };
         let pace = 2.0 * std::f64::consts::PI * 5.0;
         for tick in 0..400 {
             let t = DT * f64::from(tick);
@@ -255,7 +260,7 @@ mod tests {
             let mut motion = ToolMotion::at(Pose::translation(0.0, 0.0, z));
             motion.linear_m_s.z = v;
             let felt = Wrench { force_n: Vec3::z() * (-200.0 * z - 1.0 * v), ..Wrench::default() };
-            let found = estimator.update(Some(&patch()), &motion, &felt, DT);
+            let found = estimator.update(Some(&viscous), &motion, &felt, DT);
             if tick > 60 {
                 let stiffness = stiffness_along(&found.stiffness, Vec3::z());
                 assert!((stiffness - 200.0).abs() < 2.0, "{stiffness} N/m at {t} s");

@@ -6,7 +6,6 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -52,7 +51,6 @@ enum Order {
 struct Control {
     order: Mutex<Order>,
     changed: Condvar,
-    has_panicked: AtomicBool,
 }
 
 /// A thread that steps a simulation. It ends with this.
@@ -102,11 +100,7 @@ impl Driver {
                 desc.longest_lag_s
             )));
         }
-        let control = Arc::new(Control {
-            order: Mutex::new(Order::Run),
-            changed: Condvar::new(),
-            has_panicked: AtomicBool::new(false),
-        });
+        let control = Arc::new(Control { order: Mutex::new(Order::Run), changed: Condvar::new() });
         let (pace, own) = (Pace::new(step_s, desc.longest_lag_s), control.clone());
         let thread = std::thread::Builder::new().name("palpate".into()).spawn(move || {
             let on_start = desc.on_start;
@@ -117,15 +111,12 @@ impl Driver {
                 run(&own, &state, pace);
             });
             if catch_unwind(work).is_err() {
-                // Relaxed: nothing else is read on the strength of this.
-                own.has_panicked.store(true, Ordering::Relaxed);
-                // Nobody knows what state it is in, but its tools must let go.
-                let gone = catch_unwind(AssertUnwindSafe(|| {
+                let told = catch_unwind(AssertUnwindSafe(|| {
                     if let Some(state) = state.lock().as_mut() {
-                        state.let_go();
+                        state.give_up();
                     }
                 }));
-                drop(gone);
+                drop(told);
             }
             if let Some(hook) = desc.on_stop {
                 hook();
@@ -133,12 +124,6 @@ impl Driver {
         });
         let thread = thread.map_err(|why| Error::Limit(format!("no thread for the simulation: {why}")))?;
         Ok(Self { control, thread: Some(thread) })
-    }
-
-    /// Whether the thread ended by a defect of the library.
-    pub fn has_panicked(&self) -> bool {
-        // Relaxed: as above.
-        self.control.has_panicked.load(Ordering::Relaxed)
     }
 
     /// Stops stepping, or goes on with it. A step in progress ends by itself.

@@ -35,7 +35,7 @@ pub enum Event {
         /// Its tool.
         tool: ToolId,
     },
-    /// The buttons of a device have changed.
+    /// The buttons of a device have changed: one event for each change, also of clicks that are over before the step that tells them.
     Buttons {
         /// Simulated time, in seconds.
         time_s: f64,

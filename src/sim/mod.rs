@@ -2,14 +2,21 @@
 //!
 //! A [`Sim`] is driven by its owner, one thread at a time, or by a thread of its own ([`Sim::start`]). A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
+//!
+//! What the owner changes of a simulation that runs on its own thread (gravity, materials, what is held, tools, a reset) is changed under its lock, between two
+//! steps. Commands in a ring would return at once, but with nothing to return: errors, ids and counts would come later, as events that the owner would have to
+//! wait for all the same, and what he asks next would be answered out of order. The price is the step in progress, no more than that one even where steps follow
+//! each other without a pause, because the lock is handed over fairly; the thread in turn waits for the command's own work. Servo threads take no lock.
 
 mod backend;
 mod body;
 mod drive;
 mod event;
 mod haptics;
+mod hearing;
 mod latency;
 mod pick;
+mod reach;
 mod state;
 mod surface_port;
 mod tool_port;
@@ -178,13 +185,11 @@ impl Sim {
         &self.place
     }
 
-    /// Whether the simulation still has its device; [`Error::Device`] once any call found that the GPU was lost. Every further step
+    /// Whether the simulation is sound and still has its device: [`Error::Defect`] once its own thread ended by a defect of this library, and
+    /// [`Error::Device`] once any call found that the GPU was lost. Every further step
     /// then fails in the same way, tools feel nothing, and [`Self::nodes`] and [`Self::energy`] mean nothing, from the call on that
     /// found it. A reset does not help; a new simulation may run elsewhere.
     pub fn check(&self) -> Result<()> {
-        if self.driver.as_ref().is_some_and(Driver::has_panicked) {
-            return Err(Error::Defect("a defect of the library ended the simulation's thread".into()));
-        }
         self.with(State::check)
     }
 
@@ -233,12 +238,8 @@ impl Sim {
 
     /// Ends the simulation's own thread; from then on the owner steps again. Nothing where there is none.
     pub fn stop(&mut self) -> Result<()> {
-        // A thread that ended by a defect is kept: it is how that is known.
-        if self.driver.as_ref().is_some_and(Driver::has_panicked) {
-            return self.check();
-        }
         self.driver = None;
-        Ok(())
+        self.with(|state| state.refuse_defect())
     }
 
     /// The oldest event that was not read yet. At most 256 wait; [`Statistics::dropped_events`] counts those beyond.
@@ -316,7 +317,7 @@ impl Sim {
     }
 
     /// Has a tool hold the tissue's nodes that are within `reach_m` of it now and not held otherwise, besides those that it holds already. They go where
-    /// it goes, and it feels what that takes. Gives how many it holds. On the processor alone.
+    /// it goes, and it feels what that takes. Gives how many it holds.
     pub fn grasp(&mut self, tool: ToolId, reach_m: f64) -> Result<usize> {
         if !(0.0..=1.0).contains(&reach_m) {
             return Err(Error::argument(format!("a reach of {reach_m} m is not between 0 and 1 m")));

@@ -8,6 +8,7 @@ use super::body::Body;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
+use super::reach::reached;
 use super::tool_port::{self, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
@@ -58,6 +59,8 @@ pub(super) struct State {
     diverged_at: Option<f64>,
     /// Why the device is lost.
     lost: Option<String>,
+    /// Whether a panic ended the simulation's own thread, and left who knows what.
+    is_broken: bool,
     /// Tools of the last plan, and their indices in `tools`.
     steps: Vec<ToolStep>,
     planned: Vec<usize>,
@@ -94,6 +97,7 @@ impl State {
             tool_work_j: 0.0,
             diverged_at: None,
             lost: None,
+            is_broken: false,
             steps: Vec::with_capacity(MAX_TOOLS),
             planned: Vec::with_capacity(MAX_TOOLS),
             moved_regions: Vec::with_capacity(model.regions().len()),
@@ -122,12 +126,15 @@ impl State {
         device: Option<(&DeviceDesc, &ServoOptions)>,
     ) -> Result<ToolPort> {
         self.check()?;
-        let servo = device.map(|(device, options)| Servo::new(device, options)).transpose()?;
-        let haptics = device.map(|(device, options)| Haptics::new(device, options, &self.model));
+        let cell_m = self.model.lattice().cell_m();
+        let device = device.map(|(device, options)| {
+            Ok((Servo::new(device, options)?, Haptics::new(device, options, cell_m)))
+        });
+        let device = device.transpose()?;
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
-        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, servo, haptics);
+        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, device);
         self.tools.push(end);
         Ok(port)
     }
@@ -230,10 +237,22 @@ impl State {
         self.tool_work_j = 0.0;
         self.forget_plan();
         self.regions.clear();
-        for tool in &mut self.tools {
+        for index in 0..self.tools.len() {
+            // Tissue that is put back around a tool would be caught on it, and no spring pulls that off: a device's comes in again as it did before.
+            let tool = &self.tools[index];
+            let outside = tool.entered.filter(|at| self.is_clear(tool, &at.motion.pose)).or(tool.began);
+            let tool = &mut self.tools[index];
+            tool.stands = outside.or(tool.stands);
             tool.release(0.0, 0, false);
         }
         self.note_substeps();
+    }
+
+    /// Whether no node that is where it belongs would be in a tool.
+    fn is_clear(&self, tool: &ToolEnd, pose: &Pose) -> bool {
+        let (lattice, pose) = (self.model.lattice(), self.model.frame().inverse() * pose);
+        let place = |slot| pose.inverse_transform_point(&lattice.rest_position(slot).into()).coords;
+        lattice.slots().all(|slot| tool.desc.distance(place(slot)).distance > 0.0)
     }
 
     pub fn set_gravity(&mut self, gravity: Vec3) {
@@ -274,7 +293,8 @@ impl State {
         self.refuse_if_failed()?;
         let index = self.tool_index(id)?;
         if !self.solver.can_grasp() {
-            return Err(Error::Unsupported("tools hold tissue on the processor alone as yet".into()));
+            let why = "tools hold tissue of the meshless model on the processor alone as yet";
+            return Err(Error::Unsupported(why.into()));
         }
         let tool = &self.tools[index];
         let Some(asked) = tool.stands else {
@@ -406,8 +426,9 @@ impl State {
         Ok(self.statistics.time_s)
     }
 
-    /// Whether the device is still there.
+    /// Whether all is sound and the device is still there.
     pub fn check(&mut self) -> Result<()> {
+        self.refuse_defect()?;
         match &self.lost {
             Some(why) => Err(Error::Device(why.clone())),
             None => {
@@ -415,6 +436,19 @@ impl State {
                 self.heed(answer)
             }
         }
+    }
+
+    pub fn refuse_defect(&self) -> Result<()> {
+        if self.is_broken {
+            return Err(Error::Defect("a defect of the library ended the simulation's thread".into()));
+        }
+        Ok(())
+    }
+
+    /// A panic ended the simulation's own thread: nobody knows what state this is, and nobody shall see it.
+    pub fn give_up(&mut self) {
+        self.is_broken = true;
+        self.let_go();
     }
 
     /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
@@ -463,21 +497,24 @@ impl State {
             self.solver.wake();
         }
         for (index, tool) in self.tools.iter_mut().enumerate() {
-            let (newest, is_news) = tool.asked.read();
-            let Some(asked) = *newest else { continue };
-            // A tool appears where it is first set, without having swept the way there.
-            let from = tool.stands.unwrap_or(asked).motion.pose;
-            tool.stands = Some(asked);
-            if let Some(haptics) = &mut tool.haptics {
-                let (time_s, id) = (self.statistics.time_s, tool.id);
-                let (fell_silent, changed) = haptics.listen(is_news, asked.buttons, now);
-                if fell_silent {
-                    self.events.tell(Event::ServoSilent { time_s, tool: id });
-                }
-                if let Some(buttons) = changed {
+            let (time_s, id) = (self.statistics.time_s, tool.id);
+            if let Some((_, hearing)) = &mut tool.device {
+                while let Some(buttons) = hearing.next_change() {
                     self.events.tell(Event::Buttons { time_s, tool: id, buttons });
                 }
             }
+            let (newest, is_news) = tool.asked.read();
+            let Some(mut asked) = *newest else { continue };
+            // A tool appears where it is first set, without having swept the way there.
+            let from = tool.stands.unwrap_or(asked).motion.pose;
+            if let Some((_, hearing)) = &mut tool.device {
+                tool.began.get_or_insert(asked);
+                asked.motion = reached(&from, &asked.motion, tool.desc.bounding_radius_m(), self.desc.step_s);
+                if hearing.falls_silent(is_news, now) {
+                    self.events.tell(Event::ServoSilent { time_s, tool: id });
+                }
+            }
+            tool.stands = Some(asked);
             let path = ToolPath { from: to_model * from, to: to_model * asked.motion.pose };
             self.planned.push(index);
             self.steps.push(ToolStep { desc: tool.desc.clone(), path, grasped: tool.grasped.clone() });
@@ -540,9 +577,10 @@ impl State {
         }
     }
 
-    /// After a pause tools are where they are now, and have not swept the way there.
+    /// After a pause tools are where they are now, and have not swept the way there. A device's goes there at its pace and
+    /// pushes tissue before it: tissue in which it is from one step to the next would be caught on it.
     pub fn forget_ways(&mut self) {
-        for tool in &mut self.tools {
+        for tool in self.tools.iter_mut().filter(|tool| tool.device.is_none()) {
             let newest = *tool.asked.read().0;
             tool.stands = newest.or(tool.stands);
         }
@@ -563,7 +601,7 @@ impl State {
                 time_s: self.statistics.time_s,
                 sequence: self.statistics.steps,
             };
-            let Some(haptics) = tool.haptics.as_mut().filter(|_| !settling) else {
+            let Some((haptics, _)) = tool.device.as_mut().filter(|_| !settling) else {
                 tool.publish_force(force);
                 continue;
             };
@@ -574,6 +612,9 @@ impl State {
                     touched.push(in_world(&frame, contact));
                 }
             });
+            if touched.is_empty() {
+                tool.entered = Some(asked);
+            }
             let friction = tool.desc.friction;
             let materials = &self.body.materials;
             let model = haptics.model(&asked, &force, touched, friction, duration, now, materials);

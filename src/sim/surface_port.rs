@@ -75,31 +75,34 @@ impl SurfacePort {
     }
 
     /// Takes the newest state of the surface. Waits for a step in progress; a step waits for it no longer than the arrays take to
-    /// fill. After the simulation, or its GPU, is gone the last frame stays.
+    /// fill. After the simulation, or its GPU, is gone the last frame stays; after a defect of this library on the simulation's own thread there is an error.
     pub fn map(&mut self) -> Result<SurfaceFrame<'_>> {
-        let mut is_running = false;
         let mut state = self.state.lock();
-        if let Some(state) = state.as_mut()
-            && state.check().is_ok()
-        {
-            std::mem::swap(&mut self.positions, &mut self.previous);
-            let mut arrays = SurfaceArrays {
-                positions: numbers_mut(&mut self.positions),
-                normals: numbers_mut(&mut self.normals),
-                scalars: &mut self.scalars,
-            };
-            match state.publish(self.index, self.field, &mut arrays) {
-                Ok(time_s) => self.time_s = time_s,
-                Err(error) => {
-                    std::mem::swap(&mut self.positions, &mut self.previous);
-                    return Err(error);
+        let sound = state.as_mut().map(|state| state.check().map(|()| state));
+        let is_running = match sound {
+            Some(Ok(state)) => {
+                std::mem::swap(&mut self.positions, &mut self.previous);
+                let mut arrays = SurfaceArrays {
+                    positions: numbers_mut(&mut self.positions),
+                    normals: numbers_mut(&mut self.normals),
+                    scalars: &mut self.scalars,
+                };
+                match state.publish(self.index, self.field, &mut arrays) {
+                    Ok(time_s) => self.time_s = time_s,
+                    Err(error) => {
+                        std::mem::swap(&mut self.positions, &mut self.previous);
+                        return Err(error);
+                    }
                 }
+                if !std::mem::replace(&mut self.has_frame, true) {
+                    self.previous.copy_from_slice(&self.positions);
+                }
+                true
             }
-            is_running = true;
-            if !std::mem::replace(&mut self.has_frame, true) {
-                self.previous.copy_from_slice(&self.positions);
-            }
-        }
+            Some(Err(defect @ Error::Defect(_))) => return Err(defect),
+            Some(Err(_)) | None => false,
+        };
+        drop(state);
         Ok(SurfaceFrame { is_running, ..self.last()? })
     }
 

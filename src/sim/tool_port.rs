@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::ToolId;
 use super::haptics::Haptics;
+use super::hearing::{self, Buttons, Hearing};
 use crate::channel::latest::{Reader, Writer, latest};
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
@@ -18,7 +19,8 @@ pub struct ToolPort {
     id: ToolId,
     asked: Writer<Option<Asked>>,
     felt: Reader<Felt>,
-    servo: Option<Servo>,
+    /// The loop of its device; `None` where there is none.
+    device: Option<(Servo, Buttons)>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
     has_left: Arc<AtomicBool>,
@@ -30,8 +32,6 @@ pub(super) struct Asked {
     pub motion: ToolMotion,
     /// When the device was there, on the host's clock; NaN where nobody said.
     pub stamp_s: f64,
-    /// The device's buttons, a bit each.
-    pub buttons: u32,
 }
 
 /// What the simulation answers.
@@ -48,26 +48,24 @@ pub(super) struct ToolEnd {
     pub desc: Arc<ToolDesc>,
     pub asked: Reader<Option<Asked>>,
     pub felt: Writer<Felt>,
-    /// What is asked of the tool, world frame; `None` before its first motion.
+    /// Where the tool is after the last step, or the one in progress, with the rest of what was asked; world frame; `None` before its first motion.
     pub stands: Option<Asked>,
+    /// The same where a tool with a device first was, and where it last touched nothing.
+    pub began: Option<Asked>,
+    pub entered: Option<Asked>,
     /// Nodes that it holds: slots, and where they are in its frame, in m.
     pub grasped: Arc<[(u32, Vec3)]>,
     /// The model that goes with forces that no device shall feel.
     idle: ContactModel,
-    /// What a device's servo needs to know; `None` where there is no device.
-    pub haptics: Option<Haptics>,
+    /// What a device's servo needs to know, and what it says; `None` where there is no device.
+    pub device: Option<(Haptics, Hearing)>,
     is_running: Arc<AtomicBool>,
     has_failed: Arc<AtomicBool>,
     has_left: Arc<AtomicBool>,
 }
 
 /// Both ends of a new tool.
-pub(super) fn open(
-    id: ToolId,
-    desc: &ToolDesc,
-    servo: Option<Servo>,
-    haptics: Option<Haptics>,
-) -> (ToolPort, ToolEnd) {
+pub(super) fn open(id: ToolId, desc: &ToolDesc, device: Option<(Servo, Haptics)>) -> (ToolPort, ToolEnd) {
     let (asked_writer, asked) = latest(None);
     let (felt, felt_reader) = latest(Felt {
         force: ToolForce {
@@ -78,6 +76,12 @@ pub(super) fn open(
         },
         model: ContactModel::none(),
     });
+    let (servo, haptics) = device
+        .map(|(servo, haptics)| {
+            let (buttons, hearing) = hearing::open();
+            ((servo, buttons), (haptics, hearing))
+        })
+        .unzip();
     let is_running = Arc::new(AtomicBool::new(true));
     let [has_failed, has_left] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
     let end = ToolEnd {
@@ -86,15 +90,24 @@ pub(super) fn open(
         asked,
         felt,
         stands: None,
+        began: None,
+        entered: None,
         grasped: Arc::new([]),
         idle: ContactModel::none(),
-        haptics,
+        device: haptics,
         is_running: is_running.clone(),
         has_failed: has_failed.clone(),
         has_left: has_left.clone(),
     };
-    let port =
-        ToolPort { id, asked: asked_writer, felt: felt_reader, servo, is_running, has_failed, has_left };
+    let port = ToolPort {
+        id,
+        asked: asked_writer,
+        felt: felt_reader,
+        device: servo,
+        is_running,
+        has_failed,
+        has_left,
+    };
     (port, end)
 }
 
@@ -110,11 +123,11 @@ impl ToolPort {
         self.has_left.store(true, Ordering::Relaxed);
     }
 
-    /// Says where the tool is. The simulation moves it there over its next step. Wait-free: no lock, allocation or system call, unless
-    /// the motion is refused.
+    /// Says where the tool is. The simulation moves it there over its next step; that of a device no faster than a metre in a second of the tissue's time,
+    /// so that it may take several. Wait-free: no lock, allocation or system call, unless the motion is refused.
     pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
         motion.check()?;
-        self.asked.publish(Some(Asked { motion: *motion, stamp_s: f64::NAN, buttons: 0 }));
+        self.asked.publish(Some(Asked { motion: *motion, stamp_s: f64::NAN }));
         Ok(())
     }
 
@@ -125,16 +138,17 @@ impl ToolPort {
     }
 
     /// One tick of a device's servo loop: where the device is goes in, what its motors shall do comes out, and the simulation is told where the
-    /// tool is. `None` for a tool without a device. `is_sound` is whether the host, too, believes in the simulation. Wait-free.
+    /// tool is. Every change of `buttons`, a bit each, becomes an event. `None` for a tool without a device. `is_sound` is whether the host, too, believes in the simulation. Wait-free.
     pub fn exchange(&mut self, device: &DeviceState, buttons: u32, is_sound: bool) -> Option<Exchange> {
         let is_live = self.is_live() && is_sound;
-        let servo = self.servo.as_mut()?;
+        let (servo, told) = self.device.as_mut()?;
+        told.tell(buttons);
         let Felt { force, model } = self.felt.read().0;
         let output = servo.tick(device, model, is_live);
         let exchange = Exchange { output, time_s: force.time_s, sequence: force.sequence, is_live };
         if output.is_placed && output.tool.is_valid() {
             let motion = output.tool;
-            self.asked.publish(Some(Asked { motion, stamp_s: device.stamp_s, buttons }));
+            self.asked.publish(Some(Asked { motion, stamp_s: device.stamp_s }));
         }
         Some(exchange)
     }
@@ -142,12 +156,12 @@ impl ToolPort {
     /// The newest contact model, as a servo loop of the host's own would follow it; `None` for a tool without a device. Wait-free.
     pub fn contact_model(&mut self) -> Option<&ContactModel> {
         let model = &self.felt.read().0.model;
-        self.servo.is_some().then_some(model)
+        self.device.is_some().then_some(model)
     }
 
     /// How the servo loop is doing; `None` for a tool without a device.
     pub fn servo_statistics(&self) -> Option<&ServoStatistics> {
-        self.servo.as_ref().map(Servo::statistics)
+        self.device.as_ref().map(|(servo, _)| servo.statistics())
     }
 
     /// Whether the simulation still exists and still has this tool. Wait-free.
@@ -190,7 +204,7 @@ impl ToolEnd {
 
     /// Has a device feel nothing until it engages anew.
     pub(super) fn disengage(&mut self, time_s: f64, sequence: u64) {
-        if self.haptics.is_some() {
+        if self.device.is_some() {
             self.release(time_s, sequence, self.has_failed.load(Ordering::Relaxed));
         }
     }
@@ -198,7 +212,8 @@ impl ToolEnd {
     /// Lets go: publishes no force, and says whether that is because the simulation failed.
     pub(super) fn release(&mut self, time_s: f64, sequence: u64, has_failed: bool) {
         let motion = self.stands.map_or(ToolMotion::at(Pose::identity()), |asked| asked.motion);
-        let model = self.haptics.as_mut().map_or(ContactModel::none(), |haptics| haptics.release(&motion));
+        let model =
+            self.device.as_mut().map_or(ContactModel::none(), |(haptics, _)| haptics.release(&motion));
         self.idle = model;
         let force = ToolForce { wrench: Wrench::default(), motion, time_s, sequence };
         self.felt.publish(Felt { force, model });

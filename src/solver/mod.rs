@@ -178,7 +178,9 @@ pub trait Solver: Send + std::fmt::Debug {
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Whether tools can hold nodes.
-    fn can_grasp(&self) -> bool;
+    fn can_grasp(&self) -> bool {
+        true
+    }
 
     /// Back to rest.
     fn reset(&mut self);

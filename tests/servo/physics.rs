@@ -3,7 +3,7 @@
 use palpate::math::{Mat6, Vec3};
 use palpate::servo::contact_model::ContactModel;
 use palpate::servo::impedance::ImpedanceLimits;
-use palpate::servo::patch::Patch;
+use palpate::servo::patch::{self, Patch};
 use palpate::servo::stiffness::StiffnessEstimator;
 use palpate::solver::tool::{ToolMotion, Wrench};
 
@@ -52,9 +52,14 @@ impl Tissue {
             point_m: motion.pose.translation.vector,
             normal: Vec3::z(),
             radius_m,
-            young_pa: modulus * (1.0 - poisson * poisson) * doubt,
-            poisson,
+            tissue: patch::Tissue {
+                young_pa: modulus * (1.0 - poisson * poisson) * doubt,
+                poisson,
+                relaxation_s: if let Self::Linear { relaxation_s, .. } = *self { relaxation_s } else { 0.0 },
+                density_kg_m3: 1000.0,
+            },
             sticks: true,
+            cell_m: 0.0,
         }
     }
 }
@@ -89,13 +94,12 @@ impl Physics {
         limits: &ImpedanceLimits,
         tick_s: f64,
     ) -> Self {
-        let relaxation_s = if let Tissue::Linear { relaxation_s, .. } = tissue { relaxation_s } else { 0.0 };
         Self {
             tissue,
             says,
             ticks_per_solve,
             tick_s,
-            estimator: StiffnessEstimator::new(limits, relaxation_s),
+            estimator: StiffnessEstimator::new(limits),
             tick: 0,
             solved: ContactModel::none(),
             published: ContactModel::none(),

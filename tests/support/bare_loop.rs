@@ -2,6 +2,7 @@
 
 use palpate::servo::contact_model::ContactModel;
 use palpate::servo::coupling::{Coupling, Proxy};
+use palpate::servo::device::DeviceDesc;
 use palpate::servo::follower::Follower;
 use palpate::servo::passivity::Observer;
 use palpate::solver::tool::{ToolMotion, Wrench};
@@ -19,7 +20,7 @@ impl BareLoop {
     pub fn new(coupling: &Coupling, device: &ToolMotion, tick_s: f64) -> Self {
         let proxy = match coupling {
             Coupling::Direct => None,
-            Coupling::Virtual(coupling) => Some(Proxy::new(coupling, device)),
+            Coupling::Virtual(coupling) => Some(Proxy::new(coupling, &DeviceDesc::touch(), device)),
         };
         Self { follower: Follower::new(tick_s), proxy, observer: Observer::default(), tick_s }
     }
@@ -32,7 +33,7 @@ impl BareLoop {
         }
         let law = self.follower.law(&tool, now_s);
         let tick_s = self.tick_s;
-        let wrench = self.proxy.as_mut().map_or(law.wrench, |proxy| proxy.advance(&law, device, tick_s));
+        let wrench = self.proxy.as_mut().map_or(law.wrench, |proxy| proxy.advance(&law, device, tick_s)[0]);
         self.observer.look(device);
         self.observer.render(device, &wrench);
         (wrench, self.proxy.as_ref().map_or(*device, |proxy| *proxy.motion()))

@@ -411,10 +411,6 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn can_grasp(&self) -> bool {
-        true
-    }
-
     fn reset(&mut self) {
         self.u = Field::zeros(self.bricks.count());
         self.v = Field::zeros(self.bricks.count());

@@ -205,6 +205,7 @@ impl<R: Number> CudaEfgSolver<R> {
         let contact = self.contact.prepare_ahead(plan.tools, way, reach, &mut record.step)?;
         self.near.prepare(plan.tools.len())?;
         let report = self.take(record, contact, outside)?;
+        self.contact.hear(report.points);
         self.speed = f64::from(report.speed2).sqrt();
         self.last_dt = plan.dt;
         if report.diverged_at != SOUND {
@@ -266,7 +267,7 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
         self.mirror.replace(None);
-        let outside = self.outside.prepare(plan, &self.body)?.plan;
+        let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?.plan;
         // Settling looks for rest alone: steps so long that inertia is nothing, from no velocity each.
         let settling = StepPlan { dt: SETTLING_S, ..*plan };
         let plan = if plan.kinetic_damping { &settling } else { plan };
@@ -310,8 +311,7 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
 
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
         let Some(&origin) = self.origins.get(tool) else { return };
-        let found = self.or_lost(self.contact.contacts_of(tool as u32, origin, self.last_dt));
-        found.into_iter().for_each(show);
+        self.contact.contacts_of(tool as u32, origin, self.last_dt).for_each(show);
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {

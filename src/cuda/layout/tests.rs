@@ -4,7 +4,7 @@ use std::mem::offset_of;
 
 use super::*;
 use crate::cuda::twins;
-use crate::model::lattice::BRICK_SLOTS;
+use crate::model::lattice::{BRICK_SLOTS, flag};
 
 /// For each struct its name and what must hold of it in C++. A field that is forgotten here does not compile.
 macro_rules! claims {
@@ -32,7 +32,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Report {
             diverged_at, speed2, strain, swelling, shrinking, awake, vis_viva, contact_points,
-            dropped_points, iterations, residual, device_ns, sums, sequence
+            dropped_points, iterations, residual, points, device_ns, sums, sequence
         }
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
@@ -45,13 +45,16 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Driven { rest, slot, region }
         Motion { turn, way }
         Drive { count, regions, nodes, motions }
+        Held { rest, place, mass, slot }
+        Hold { count, substeps, nodes, starts, sums }
+        Touched { fields }
         Carrier { slot, start, count, name }
         Load { site, weight }
         Contact {
             vertices, triangles, first_triangle, divides, reach, rest, row_nodes, row_weights, corners, parts,
             triangle_edges, vertex_edges, near_bits, near, near_starts, divisions, counts, site_rest, site_own, site_edges, site_names, site_slots, site_weights, site_carriers,
             site_coupled, couplings, carrier_at, carriers, mobility, loads, active_loads, claimed, moved, changes, impulses, given, points,
-            sums
+            sums, touched
         }
         Moment { from, to, is_first, tissue_moves, is_last }
         Frame { turn, cell }
@@ -72,14 +75,18 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
     };
     let numbers = [
         ("sizeof(Mark)", MARK_BYTES),
+        ("FIX_X", flag::FIX_X.into()),
+        ("FIX_Y", usize::from(flag::FIX_X << 1)),
+        ("FIX_Z", usize::from(flag::FIX_X << 2)),
+        ("GRASPED", flag::GRASPED.into()),
         ("BRICK_NODES", BRICK_SLOTS),
         ("MAX_TOOLS", MAX_TOOLS),
         ("MAX_POINTS", MAX_POINTS),
         ("MAX_SITES", MAX_SITES),
         ("MAX_ROW", MAX_ROW),
         ("MAX_COUPLED", MAX_COUPLED),
-        ("POINTS", count::POINTS),
-        ("COUNTS", count::COUNTS),
+        ("COUNTS", COUNTS),
+        ("TOLD_FIELDS", point::TOLD),
         ("AWAKE", sleepers::AWAKE),
         ("WATCHED", sleepers::WATCHED),
         ("AWAKE_NODES", sleepers::AWAKE_NODES),

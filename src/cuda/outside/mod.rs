@@ -1,6 +1,7 @@
-//! What acts on the tissue besides tools: loads, rigid regions that are driven, and the damping by which it settles.
+//! What acts on the tissue besides contact: loads, rigid regions that are driven, tools that hold nodes, and the damping by which it settles.
 
 mod drive;
+mod hold;
 mod push;
 
 use std::sync::Arc;
@@ -17,10 +18,12 @@ use crate::model::Model;
 use crate::model::lattice::BRICK_SLOTS;
 use crate::solver::StepPlan;
 use drive::Drives;
+use hold::Holds;
 use push::Pushes;
 
-/// Threads of a block with a thread for each node, and of the one block that judges.
+/// Threads of a block with a thread for each node, of the one block that takes along what tools hold, and of the one that judges.
 const THREADS: u32 = 128;
+const HOLD_THREADS: u32 = 256;
 const JUDGE_THREADS: u32 = 1024;
 
 /// What is done after each substep: equal plans are recorded once.
@@ -28,65 +31,85 @@ const JUDGE_THREADS: u32 = 1024;
 pub struct Plan {
     pub push: layout::Push,
     pub drive: layout::Drive,
+    hold: layout::Hold,
     /// Whether velocities are cleared whenever Σ m v² falls.
     pub settles: bool,
 }
 
-/// A step with loads and regions.
+/// A step with loads, regions and what tools hold.
 #[derive(Debug)]
 pub struct Prepared {
     pub plan: Plan,
     /// How much loads alone accelerate any node at most, in m/s².
     pub acceleration: f64,
-    /// How far regions go at most, in m.
+    /// How far regions and what tools hold go at most, in m.
     pub way: f64,
 }
 
-/// Loads and regions on the device.
+/// Loads, regions and what tools hold, on the device.
 #[derive(Debug)]
 pub struct Outside {
     pushes: Pushes,
     drives: Drives,
+    holds: Holds,
 }
 
 impl Outside {
     /// Nothing acts on the model yet.
     pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
-        Ok(Self { pushes: Pushes::new(model, stream)?, drives: Drives::new(model, stream)? })
+        Ok(Self {
+            pushes: Pushes::new(model, stream)?,
+            drives: Drives::new(model, stream)?,
+            holds: Holds::new(model, stream)?,
+        })
     }
 
-    /// Brings to the device what a step needs and it does not have. The last step must have been reported.
-    pub fn prepare(&mut self, plan: &StepPlan, body: &Body) -> Result<Prepared> {
+    /// Brings to the device what a step needs and it does not have. The last step must have been reported. `sums` are the tools'.
+    pub fn prepare(&mut self, plan: &StepPlan, body: &Body, sums: CUdeviceptr) -> Result<Prepared> {
         let (push, acceleration) = self.pushes.prepare(plan.loads, body)?;
-        let (drive, way) = self.drives.prepare(plan)?;
-        Ok(Prepared { plan: Plan { push, drive, settles: plan.kinetic_damping }, acceleration, way })
+        let (drive, driven) = self.drives.prepare(plan)?;
+        let (hold, held) = self.holds.prepare(plan, body, sums)?;
+        let plan = Plan { push, drive, hold, settles: plan.kinetic_damping };
+        Ok(Prepared { plan, acceleration, way: driven.max(held) })
     }
 
     /// Loads have changed.
     pub fn forget_loads(&mut self) {
         self.pushes.forget();
     }
+
+    /// Materials have changed, or what is held.
+    pub fn forget_masses(&mut self) {
+        self.pushes.forget();
+        self.holds.forget();
+    }
 }
 
 impl Plan {
-    /// Whether nothing acts but tools.
+    /// Whether nothing acts but contact.
     pub fn is_idle(self) -> bool {
-        self.push.count == 0 && self.drive.count == 0 && !self.settles
+        self.push.count == 0 && self.drive.count == 0 && !self.holds() && !self.settles
     }
 
-    /// Asks the stream to push and drive nodes after they have moved by themselves.
+    /// Whether tools hold nodes: their sums begin with that.
+    pub fn holds(self) -> bool {
+        self.hold.count > 0
+    }
+
+    /// Asks the stream to push, drive and carry nodes after they have moved by themselves.
     ///
     /// # Safety
     /// The stream's context is current. `pass` is that of the substep; it and the lists of the plan outlive the work.
     pub unsafe fn act(mut self, kernels: &Kernels, stream: &Stream, pass: &mut Pass) -> Result<()> {
         let launch = [
-            (kernels.push, self.push.count, pointer(&mut self.push)),
-            (kernels.drive, self.drive.count, pointer(&mut self.drive)),
+            (kernels.push, self.push.count.div_ceil(THREADS), THREADS, pointer(&mut self.push)),
+            (kernels.drive, self.drive.count.div_ceil(THREADS), THREADS, pointer(&mut self.drive)),
+            (kernels.hold, self.hold.count.min(1), HOLD_THREADS, pointer(&mut self.hold)),
         ];
-        for (kernel, nodes, list) in launch.into_iter().filter(|(_, nodes, _)| *nodes > 0) {
-            let (blocks, arguments) = (nodes.div_ceil(THREADS), &mut [pointer(pass), list]);
+        for (kernel, blocks, threads, list) in launch.into_iter().filter(|(_, blocks, ..)| *blocks > 0) {
+            let arguments = &mut [pointer(pass), list];
             // SAFETY: the kernels' arguments, as declared.
-            unsafe { kernel.launch(&stream.device, stream.handle, blocks, THREADS, arguments)? };
+            unsafe { kernel.launch(&stream.device, stream.handle, blocks, threads, arguments)? };
         }
         Ok(())
     }

@@ -22,11 +22,12 @@ pub struct Age {
 }
 
 impl Age {
-    /// The wrench that a model of this age stands for; `period_s` is the time between solves.
-    pub fn pass(&mut self, followed: Wrench, age_s: f64, period_s: f64) -> (Wrench, Flags) {
+    /// The wrench that a model of this age stands for; `period_s` is the time between solves. `lasting` is what of the followed wrench may be held: a
+    /// damper's share belongs to a velocity that is gone by then.
+    pub fn pass(&mut self, followed: Wrench, lasting: Wrench, age_s: f64, period_s: f64) -> (Wrench, Flags) {
         let after = |(least, periods): (f64, f64)| f64::max(least, periods * period_s).min(DEAD_S);
         if age_s <= after(FOLLOW) {
-            self.held = followed;
+            self.held = lasting;
             return (followed, Flags::NONE);
         }
         // Not below the line above: a NaN must end here, without a force.
@@ -61,7 +62,7 @@ mod tests {
     fn a_force_is_followed_then_held_then_decays_then_is_gone() {
         let mut age = Age::default();
         let mut at = |ms: f64, force_n: f64| {
-            let (wrench, flags) = age.pass(push(force_n), ms / 1e3, 1e-3);
+            let (wrench, flags) = age.pass(push(force_n), push(force_n), ms / 1e3, 1e-3);
             assert_eq!(wrench.force_n.z, wrench.torque_n_m.x, "the torque goes the same way");
             (wrench.force_n.z, flags)
         };
@@ -80,9 +81,17 @@ mod tests {
     #[test]
     fn slow_solves_are_waited_for_but_not_for_ever() {
         let mut age = Age::default();
-        assert_eq!(age.pass(push(1.0), 0.02, 0.01).1, Flags::NONE, "two periods");
-        assert_eq!(age.pass(push(1.0), 0.04, 0.01).1, Flags::HELD, "four periods");
-        assert_eq!(age.pass(push(1.0), 0.1, 0.2).1, Flags::NONE, "one late solve of a very slow one");
-        assert_eq!(age.pass(push(1.0), 0.101, 0.2).0, Wrench::default());
+        let mut pass = |age_s: f64, period_s: f64| age.pass(push(1.0), push(1.0), age_s, period_s);
+        assert_eq!(pass(0.02, 0.01).1, Flags::NONE, "two periods");
+        assert_eq!(pass(0.04, 0.01).1, Flags::HELD, "four periods");
+        assert_eq!(pass(0.1, 0.2).1, Flags::NONE, "one late solve of a very slow one");
+        assert_eq!(pass(0.101, 0.2).0, Wrench::default());
+    }
+
+    #[test]
+    fn what_a_damper_adds_is_followed_and_not_held() {
+        let mut age = Age::default();
+        assert_eq!(age.pass(push(1.5), push(1.0), 0.0, 1e-3).0, push(1.5));
+        assert_eq!(age.pass(push(1.5), push(1.0), 5e-3, 1e-3).0, push(1.0));
     }
 }

@@ -23,7 +23,7 @@ use super::clock::Tick;
 use super::device::DeviceDesc;
 use super::flags::Flags;
 use super::impedance::stacked;
-use crate::math::Vec3;
+use crate::math::{Vec3, all_finite};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// What one tick asks of the device, and how far that is to be believed.
@@ -31,6 +31,8 @@ use crate::solver::tool::{ToolMotion, Wrench};
 pub struct Asked {
     /// The computed wrench.
     pub wrench: Wrench,
+    /// What of it lasts when device and tool come to rest: all but the dampers' share. Only that may be held.
+    pub lasting: Wrench,
     /// The device's motion.
     pub motion: ToolMotion,
     /// Time since the last tick.
@@ -81,8 +83,8 @@ impl SafetyChain {
     /// The wrench that goes to the device. Always finite and within the device's limits.
     pub fn pass(&mut self, asked: &Asked) -> (Wrench, Flags) {
         let (dt, clock) = self.time(asked.tick);
-        let (wrench, finite) = only_finite(asked);
-        let (wrench, age) = self.age.pass(wrench, asked.age_s, asked.period_s);
+        let ([wrench, lasting], finite) = only_finite(asked);
+        let (wrench, age) = self.age.pass(wrench, lasting, asked.age_s, asked.period_s);
         let speed = Flags::TOO_FAST.when(self.speed.is_over(&asked.motion, dt));
 
         let running = Flags::STOPPED.when(!asked.is_live) | Flags::RELEASED.when(!asked.is_held);
@@ -163,10 +165,14 @@ pub const DISENGAGING: Flags =
     Flags(Flags::NOT_FINITE.0 | Flags::PAUSED.0 | Flags::STOPPED.0 | Flags::TOO_FAST.0 | Flags::RELEASED.0);
 
 /// The first stage: nothing where anything is not finite.
-fn only_finite(asked: &Asked) -> (Wrench, Flags) {
-    let is_finite =
-        asked.is_finite && asked.motion.is_valid() && stacked(&asked.wrench).iter().all(|x| x.is_finite());
-    if is_finite { (asked.wrench, Flags::NONE) } else { (Wrench::default(), Flags::NOT_FINITE) }
+fn only_finite(asked: &Asked) -> ([Wrench; 2], Flags) {
+    let wrenches = [asked.wrench, asked.lasting];
+    let are_finite = wrenches.iter().all(|wrench| all_finite(stacked(wrench).as_slice()));
+    if asked.is_finite && asked.motion.is_valid() && are_finite {
+        (wrenches, Flags::NONE)
+    } else {
+        ([Wrench::default(); 2], Flags::NOT_FINITE)
+    }
 }
 
 /// The average limit, then the clamp.
@@ -195,6 +201,7 @@ mod tests {
     fn asked(force_n: f64) -> Asked {
         Asked {
             wrench: push(force_n),
+            lasting: push(force_n),
             motion: ToolMotion::at(Pose::identity()),
             tick: Tick::Steady(DT),
             age_s: 0.0,

@@ -388,10 +388,7 @@ static void simulations(void) {
     desc.max_iterations = 0;
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_create(model, &desc, &sim));
     desc.max_iterations = 10;
-    desc.backend = PLP_BACKEND_CUDA;
-    ANSWERS(PLP_ERR_UNSUPPORTED, plp_sim_create(model, &desc, &sim));
     CHECK(sim == (plp_sim *)UNTOUCHED);
-    desc.backend = PLP_BACKEND_CPU;
     plp_statistics now;
     ANSWERS(PLP_OK, plp_sim_create(model, &desc, &sim));
     ANSWERS(PLP_OK, plp_sim_step(sim));

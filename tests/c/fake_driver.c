@@ -35,6 +35,7 @@ typedef struct {
     double vis_viva;
     uint32_t counts[3];
     float residual;
+    uint32_t points;
     uint64_t device_ns;
     double sums[64][7];
     uint32_t sequence;
@@ -207,7 +208,7 @@ int cuLaunchKernelEx(const void *config, void *kernel, void **arguments, void **
     (void)config, (void)extra;
     if (kernel == &report_kernel) {
         recorded->step = at(*(const address *)arguments[2]);
-        recorded->report = at(*(const address *)arguments[8]);
+        recorded->report = at(*(const address *)arguments[10]);
     }
     return 0;
 }

@@ -88,7 +88,9 @@ fn what_a_tool_holds_on_a_gpu_goes_where_it_goes_and_pulls_as_on_the_processor()
                 continue;
             }
             let force = (expected.force_n - found.force_n).norm() / expected.force_n.norm();
-            let torque = (expected.torque_n_m - found.torque_n_m).norm() / expected.torque_n_m.norm();
+            // A ball without friction feels no torque about its middle.
+            let turning = expected.torque_n_m.norm().max(CELL_M * expected.force_n.norm());
+            let torque = (expected.torque_n_m - found.torque_n_m).norm() / turning;
             println!("force {force:e} of {}, torque {torque:e}", expected.force_n.norm());
             assert!(force < SAME_PULL && torque < SAME_PULL, "{expected:?} {found:?}");
         }

@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn every_triangle_in_reach_is_listed_and_awake_while_tool_and_tissue_move() {
-        let (h, cells) = (1e-3, [24, 6, 4]);
+        let (h, cells) = (1e-3, [40, 6, 4]);
         let mut build = Build::new(
             LabelGrid::new(cells, Vec3::repeat(h), Pose::identity(), vec![1; cells.iter().product()])
                 .unwrap(),

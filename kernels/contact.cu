@@ -573,10 +573,11 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         const uint32_t diverged_at = *pass.diverged_at;
         Vec moved{0, 0, 0}, came{0, 0, 0}, velocity{0, 0, 0};
         if (reads) {
+            // Velocities are wanted where there is a point: they shall be near then.
 #pragma unroll
             for (int i = 0; i < LANES; ++i) {
                 moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
-                velocity = velocity + velocity_of(pass, slots[i]) * weights[i];
+                for (int axis = 0; axis < 3; ++axis) asm volatile("prefetch.global.L1 [%0];" ::"l"(pass.v_next + velocity_at(slots[i]) + axis * BRICK_NODES));
             }
         }
 #pragma unroll 4
@@ -584,7 +585,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
             const uint32_t slot = c.site_slots[i * MAX_SITES + site];
             const float weight = c.site_weights[i * MAX_SITES + site];
             moved = moved + vec(pass.u_next[slot]) * weight;
-            velocity = velocity + velocity_of(pass, slot) * weight;
         }
         if (first == 0 && moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
         if (follow) {
@@ -653,6 +653,10 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                 continue;
             }
             if (end == MAX_POINTS) last_active = a + 1;
+#pragma unroll
+            for (int i = 0; i < LANES; ++i) velocity = velocity + velocity_of(pass, slots[i]) * weights[i];
+#pragma unroll 4
+            for (uint32_t i = LANES; i < row; ++i) velocity = velocity + velocity_of(pass, c.site_slots[i * MAX_SITES + site]) * c.site_weights[i * MAX_SITES + site];
             actives.site[a] = site;
             actives.first[a] = k;
             is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED && row == LANES;

@@ -216,6 +216,20 @@ fn a_tool_that_a_device_holds_goes_a_metre_in_a_second_at_most_and_its_model_say
 }
 
 #[test]
+fn a_servo_loop_of_the_hosts_own_says_how_long_a_model_has_to_serve() {
+    let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
+    let motion = ToolMotion::at(rig.block.at(RADIUS, -2e-3, [0.0, 0.0]));
+    let start = rig.time_s;
+    for solve in 1..=3 {
+        let stamp_s = start + 7e-3 * f64::from(solve);
+        rig.port.set_motion_at(&motion, stamp_s).unwrap();
+        rig.sim.step().unwrap();
+        let told = rig.model();
+        assert!(told.stamp_s == stamp_s && (told.period_s - 7e-3).abs() < 1e-9, "{told:?}");
+    }
+}
+
+#[test]
 fn a_device_that_is_everywhere_at_once_does_not_tear_the_tissue() {
     let mut rig = Rig::new(pressed(true), 0.3, Coupling::Direct);
     let mut noise = 1_u32;

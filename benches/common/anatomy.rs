@@ -35,6 +35,8 @@ pub struct Anatomy {
     pub young_pa: Option<f64>,
     pub poisson: Option<f64>,
     pub young_cap_pa: f64,
+    /// Whether the front is held too, so that what is pressed is a wall.
+    pub holds_front: bool,
 }
 
 /// Where the labels are, or why they are not there.
@@ -53,7 +55,7 @@ impl Anatomy {
         build.cell_m = Some(self.cell_m);
         build.rule = ResampleRule::Majority;
         build.uses = self.uses()?;
-        build.fix_faces = held_faces(&build.grid);
+        build.fix_faces = if self.holds_front { [true; 6] } else { held_faces(&build.grid) };
         build.young_cap_pa = Some(self.young_cap_pa);
         Ok(Arc::new(build.run(&mut |_, _| true)?))
     }

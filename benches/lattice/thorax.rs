@@ -42,6 +42,7 @@ fn prepare(title: &str, path: &Path, cell_m: f64, only: &'static [u16], options:
         young_pa: options.young,
         poisson: options.nu,
         young_cap_pa: options.young_cap,
+        holds_front: false,
     };
     let model = anatomy.model(path)?;
 

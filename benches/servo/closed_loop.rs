@@ -138,8 +138,14 @@ pub fn run(options: &Options, report: &mut Report) {
 }
 
 fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
-    let anatomy =
-        Anatomy { cell_m: CELL_M, only: LUNG, young_pa: None, poisson: None, young_cap_pa: YOUNG_CAP_PA };
+    let anatomy = Anatomy {
+        cell_m: CELL_M,
+        only: LUNG,
+        young_pa: None,
+        poisson: None,
+        young_cap_pa: YOUNG_CAP_PA,
+        holds_front: false,
+    };
     let model = anatomy.model(labels)?;
     let desc = SimDesc { gravity_m_s2: Vec3::new(0.0, 0.0, -9.81), ..options.machine().desc() };
     let mut sim = Sim::new(model.clone(), &desc)?;

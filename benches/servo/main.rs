@@ -1,7 +1,7 @@
 //! How fast, how true and how stable the servo loop of a haptic device is, with real tissue behind it.
 //!
 //! `cargo bench --bench servo` prints tables, `cargo bench --bench servo -- --json` one object per line; `-- --figure NAME` takes one of them. All
-//! options: `cargo bench --bench servo -- --help`. The closed loop needs the folder that `PALPATE_DATA` names.
+//! options: `cargo bench --bench servo -- --help`. The closed loop and the chest need the folder that `PALPATE_DATA` names.
 //!
 //! | figure | what |
 //! |---|---|
@@ -9,6 +9,7 @@
 //! | `closed-loop` | a simulated device and hand at 1 kHz of real time on the lungs, the simulation on its own thread |
 //! | `prediction` | the newest contact model at a tick's motion against the wrench that a solve gives there; simulated time |
 //! | `stability` | the least energy of the loop over stiffness and damping of the coupling, with the chain and without; simulated time |
+//! | `chest` | the least energy of the loop on a whole chest in coarse cells, at life's pace and slower; simulated time |
 //!
 //! `exchange`: `p50_us` is the median of batches of 64 calls, by call. The other quantiles are of single calls, with the timer's own median, `timer_us`, taken off.
 //! `timer_p999_us` is what the machine does to the timer itself. Calls follow each other without a pause, so that the loop's own memory is
@@ -24,6 +25,7 @@ use clap::Parser;
 #[path = "../../tests/support/bare_loop.rs"]
 mod bare_loop;
 mod block;
+mod chest;
 mod closed_loop;
 #[path = "../common/mod.rs"]
 #[allow(dead_code, reason = "each bench uses a part")]
@@ -66,6 +68,7 @@ fn main() -> ExitCode {
             FigureName::ClosedLoop => closed_loop::run(&options, &mut report),
             FigureName::Prediction => prediction::run(&options, &mut report),
             FigureName::Stability => stability::run(&options, &mut report),
+            FigureName::Chest => chest::run(&options, &mut report),
         }
     }
     report.finish()

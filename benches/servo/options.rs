@@ -45,6 +45,7 @@ pub enum FigureName {
     ClosedLoop,
     Prediction,
     Stability,
+    Chest,
 }
 
 impl Options {

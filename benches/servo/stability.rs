@@ -139,7 +139,7 @@ fn measure(
             bare.tick(&motion, &newest, now_s)
         };
         // The solve begins with this motion and is there at the next tick, in simulated time.
-        port.set_motion(&tool)?;
+        port.set_motion_at(&tool, now_s)?;
         match sim.step() {
             Ok(()) => {}
             // A loop that shakes that hard tears the tissue: that is its figure.
@@ -149,8 +149,7 @@ fn measure(
             }
             Err(error) => return Err(error),
         }
-        let model = *port.contact_model().ok_or_else(|| Error::argument("the tool has no device"))?;
-        newest = ContactModel { period_s: TICK_S, stamp_s: now_s, ..model };
+        newest = *port.contact_model().ok_or_else(|| Error::argument("the tool has no device"))?;
 
         let down = ((now_s - ENGAGES_S) / 0.1).clamp(0.0, 1.0) * (GAP_M + WISH_M);
         let weight_n = if tick >= lead && hand.is_none() { -WEIGHT_N } else { 0.0 };

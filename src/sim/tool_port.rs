@@ -126,8 +126,14 @@ impl ToolPort {
     /// Says where the tool is. The simulation moves it there over its next step; that of a device no faster than a metre in a second of the tissue's time,
     /// so that it may take several. Wait-free: no lock, allocation or system call, unless the motion is refused.
     pub fn set_motion(&mut self, motion: &ToolMotion) -> Result<()> {
+        self.set_motion_at(motion, f64::NAN)
+    }
+
+    /// The same for a servo loop of the host's own, which follows [`Self::contact_model`]: with when its device was there, in seconds on the host's clock, from any
+    /// start. Contact models then tell the time between solves by that clock, and which motion they go with; otherwise by the wall clock.
+    pub fn set_motion_at(&mut self, motion: &ToolMotion, stamp_s: f64) -> Result<()> {
         motion.check()?;
-        self.asked.publish(Some(Asked { motion: *motion, stamp_s: f64::NAN }));
+        self.asked.publish(Some(Asked { motion: *motion, stamp_s }));
         Ok(())
     }
 

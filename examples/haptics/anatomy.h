@@ -9,6 +9,21 @@
 
 constexpr double RADIUS_M = 0.010, CLEARANCE_M = 0.010;
 
+/// The face of the model's grid that looks to the front, +y of the world, as a bit of fix_faces: the axes of files run either way.
+inline std::uint32_t front_face(const plp_model *model) {
+    plp_model_info info;
+    check(plp_model_get_info(model, &info, sizeof info));
+    const double *q = info.frame.rotation;
+    // The world's y in the axes of the grid: a row of its rotation.
+    const double front[3] = {2.0 * (q[0] * q[1] + q[3] * q[2]), 1.0 - 2.0 * (q[0] * q[0] + q[2] * q[2]),
+                             2.0 * (q[1] * q[2] - q[3] * q[0])};
+    int axis = 0;
+    for (int i = 1; i < 3; ++i) {
+        if (std::fabs(front[i]) > std::fabs(front[axis])) axis = i;
+    }
+    return static_cast<std::uint32_t>(PLP_FACE_X_LOW) << (2 * axis + (front[axis] > 0.0));
+}
+
 /// The generated chest, or a label file with what its labels are.
 inline plp_model *build(const Options &options) {
     plp_model_desc anatomy = plp_model_desc_default();
@@ -26,10 +41,15 @@ inline plp_model *build(const Options &options) {
         anatomy.labels_path = options.labels.c_str();
         anatomy.uses = uses.data();
         anatomy.use_count = static_cast<std::uint32_t>(uses.size());
-        anatomy.fix_faces = 63 & ~static_cast<std::uint32_t>(PLP_FACE_Y_HIGH);
     }
     plp_model *model = nullptr;
     check(plp_model_create(&anatomy, &model));
+    if (!options.labels.empty()) {
+        // Which face is the front is known when the file has been read.
+        anatomy.fix_faces = 63 & ~front_face(model);
+        check(plp_model_destroy(model));
+        check(plp_model_create(&anatomy, &model));
+    }
     return model;
 }
 

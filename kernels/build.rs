@@ -40,8 +40,8 @@ struct Set {
     /// The variable that tells the compiler where the images are.
     variable: &'static str,
 }
-/// The library's kernels, and those that the bench compares them with: no library holds these.
-const SETS: [Set; 2] = [
+/// The library's kernels, and those that benches compare them with: no library holds these.
+const SETS: [Set; 3] = [
     Set { folder: "kernels", images: &IMAGES, headers: &HEADERS, has_ptx: true, variable: "PALPATE_KERNELS" },
     Set {
         folder: "benches/lattice",
@@ -49,6 +49,13 @@ const SETS: [Set; 2] = [
         headers: &[],
         has_ptx: false,
         variable: "PALPATE_BASELINE",
+    },
+    Set {
+        folder: "benches/efg",
+        images: &["baseline"],
+        headers: &[],
+        has_ptx: false,
+        variable: "PALPATE_EFG_BASELINE",
     },
 ];
 /// The compiler that made the images in `prebuilt`.

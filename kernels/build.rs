@@ -15,20 +15,24 @@ use sha2::{Digest, Sha256};
 /// Source files that each become two images.
 const IMAGES: [&str; 8] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report", "efg"];
 /// What they include.
-const HEADERS: [&str; 13] = [
+const HEADERS: [&str; 17] = [
     "block.cuh",
     "clock.cuh",
     "contact.cuh",
     "efg.cuh",
+    "field.cuh",
     "grid.cuh",
+    "kept.cuh",
     "law.cuh",
     "layout.cuh",
     "outside.cuh",
     "points.cuh",
     "press.cuh",
+    "rows.cuh",
     "tile.cuh",
     "tool.cuh",
     "touched.cuh",
+    "worker.cuh",
 ];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {

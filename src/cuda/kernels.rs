@@ -12,7 +12,7 @@ use cudarc::driver::sys::{
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
-use super::layout::efg_shared_bytes;
+use super::layout::{efg_block_bytes, efg_kept_bytes, efg_team_bytes};
 use crate::error::{Error, Result};
 use crate::model::lattice::BRICK_SLOTS;
 
@@ -77,6 +77,8 @@ struct Module {
 const SHARED_CARVEOUT: i32 = 9;
 /// How much of a processor's own memory blocks share. The same for all kernels, for a change between two of them takes time.
 const SHARED_PERCENT: i32 = 60;
+/// Bytes of that which blocks of the meshless kernel take beside those that they are given.
+const RESERVED_BYTES: u32 = 256;
 
 impl Module {
     fn load(device: &Arc<Device>, image: &[u8]) -> Result<Self> {
@@ -182,9 +184,12 @@ pub struct EfgKernels {
     pub surfaces: SurfaceKernels,
     /// One implicit step.
     pub step: Kernel,
-    /// Its blocks and their threads.
+    /// Its blocks, their threads, and the bytes that these share.
     pub blocks: u32,
     pub threads: u32,
+    pub bytes: u32,
+    /// Whether teams keep the only brick that they have.
+    pub keeps: bool,
     _module: Module,
 }
 
@@ -271,40 +276,56 @@ impl SurfaceKernels {
     }
 }
 
-/// A precision in which the meshless model runs on a GPU: its kernels, of which the first that a processor has memory for is taken, and the teams of threads in
-/// their blocks.
+/// A precision in which the meshless model runs on a GPU: its kernel, and the fewest and the most teams of threads in its blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Precision {
     pub number_bytes: usize,
-    pub kernels: [(&'static CStr, u32); 2],
+    pub kernel: &'static CStr,
+    pub teams: [u32; 2],
 }
 
 /// Single and double.
-pub const SINGLE: Precision =
-    Precision { number_bytes: 4, kernels: [(c"efg_single", 6), (c"efg_single_small", 4)] };
-pub const DOUBLE: Precision =
-    Precision { number_bytes: 8, kernels: [(c"efg_double", 4), (c"efg_double_small", 2)] };
+pub const SINGLE: Precision = Precision { number_bytes: 4, kernel: c"efg_single", teams: [3, 6] };
+pub const DOUBLE: Precision = Precision { number_bytes: 8, kernel: c"efg_double", teams: [2, 4] };
 
 impl EfgKernels {
-    /// Loads the kernels for a model of so many bricks.
-    pub fn load(device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
-        Self::load_as(device.driver.version()?, device, precision, bricks)
+    /// Loads the kernels for a model of so many bricks; `may_keep` says whether teams may keep the only brick that they have, where there is memory for that.
+    pub fn load(device: &Arc<Device>, precision: Precision, bricks: u32, may_keep: bool) -> Result<Self> {
+        Self::load_as(device.driver.version()?, device, precision, bricks, may_keep)
     }
 
     /// Loads what a driver of a CUDA version takes.
-    fn load_as(version: i32, device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
+    fn load_as(
+        version: i32,
+        device: &Arc<Device>,
+        precision: Precision,
+        bricks: u32,
+        may_keep: bool,
+    ) -> Result<Self> {
         let [processors, most_bytes] = device.processors()?;
-        let bytes = |teams: u32| efg_shared_bytes(teams as usize, precision.number_bytes) as u32;
-        let (name, teams) =
-            precision.kernels.into_iter().find(|&(_, teams)| bytes(teams) <= most_bytes).ok_or_else(
-                || Error::Unsupported(format!("{} has too little memory in its processors", device.name())),
-            )?;
+        // One beside those that work on bricks.
+        let blocks = processors.min(bricks + 1).max(2);
+        let number = precision.number_bytes;
+        let bytes = |teams: u32, of_team: usize| (efg_block_bytes(number) + teams as usize * of_team) as u32;
+        let [fewest, most] = precision.teams;
+        // As many as there is memory for.
+        let fitting = |of_team: usize| {
+            (fewest..=most).rev().find(|&teams| bytes(teams, of_team) + RESERVED_BYTES <= most_bytes)
+        };
+        let (working, keeping) = (efg_team_bytes(number), efg_team_bytes(number) + efg_kept_bytes(number));
+        let kept = fitting(keeping).filter(|teams| may_keep && bricks <= teams * (blocks - 1));
+        let teams = kept.or_else(|| fitting(working)).ok_or_else(|| {
+            Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
+        })?;
+        let keeps = kept.is_some();
+        let bytes = bytes(teams, if keeps { keeping } else { working });
         let module = Module::load(device, &EFG.of_version(version))?;
         Ok(Self {
-            step: module.function_together(name, bytes(teams))?,
-            // One beside those that work on bricks.
-            blocks: processors.min(bricks + 1).max(2),
+            step: module.function_together(precision.kernel, bytes)?,
+            blocks,
             threads: teams * BRICK_SLOTS as u32,
+            bytes,
+            keeps,
             surfaces: SurfaceKernels::load(version, device)?,
             _module: module,
         })
@@ -443,7 +464,7 @@ mod tests {
                 Kernels::load_as(version, &device, volumetric, damped).unwrap();
             }
             for precision in [SINGLE, DOUBLE] {
-                EfgKernels::load_as(version, &device, precision, 1).unwrap();
+                EfgKernels::load_as(version, &device, precision, 1, true).unwrap();
             }
         }
     }

@@ -538,7 +538,6 @@ pub struct EfgStep {
     pub is_paper: u32,
     pub only_forces: u32,
     pub substep: u32,
-    pub arrived: u32,
     pub step: Step,
 }
 
@@ -562,9 +561,20 @@ pub const PRESS_FIELDS: usize = 12;
 /// Most numbers that blocks sum up at once.
 pub const GRID_NUMBERS: usize = 4;
 
-/// Bytes that a block of the step's kernel shares, with so many teams and numbers of so many bytes.
-pub const fn efg_shared_bytes(teams: usize, number: usize) -> usize {
-    GRID_NUMBERS * 33 * 8 + (96 + 3780 * teams) * number
+/// Most nodes that carry sites, and how many numbers contact keeps of each.
+pub const MAX_CARRIERS: usize = MAX_ROW * MAX_SITES;
+pub const TOUCHED: usize = 6;
+
+/// Bytes that a block of the step's kernel shares, by those of a number; those that each of its teams adds; and those that a team adds which keeps its one brick while it
+/// descends.
+pub const fn efg_block_bytes(number: usize) -> usize {
+    GRID_NUMBERS * 33 * 8 + 96 * number
+}
+pub const fn efg_team_bytes(number: usize) -> usize {
+    4140 * number
+}
+pub const fn efg_kept_bytes(number: usize) -> usize {
+    (5409 * number + 225).next_multiple_of(16)
 }
 
 /// The meshless state and its system.
@@ -573,6 +583,9 @@ pub const fn efg_shared_bytes(teams: usize, number: usize) -> usize {
 pub struct Efg {
     pub bricks: u32,
     pub starts: u32,
+    pub bytes: u32,
+    pub keeps: u32,
+    pub row_count: u32,
     pub cell: f64,
     pub step: CUdeviceptr,
     pub laws: CUdeviceptr,
@@ -598,10 +611,20 @@ pub struct Efg {
     pub touched: CUdeviceptr,
     pub shares: CUdeviceptr,
     pub press: CUdeviceptr,
+    pub followed_at: CUdeviceptr,
+    pub meetings: CUdeviceptr,
+    pub arrived: CUdeviceptr,
     pub partials: CUdeviceptr,
     pub seen: CUdeviceptr,
     pub is_settled: CUdeviceptr,
+    pub follows: CUdeviceptr,
     pub near_tools: CUdeviceptr,
     pub started: CUdeviceptr,
+    pub row_cells: CUdeviceptr,
+    pub row_entries: CUdeviceptr,
+    pub row_starts: CUdeviceptr,
+    pub row_places: CUdeviceptr,
+    pub row_rotations: CUdeviceptr,
+    pub row_frames: CUdeviceptr,
     pub report: CUdeviceptr,
 }

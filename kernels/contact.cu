@@ -5,8 +5,9 @@
 // that is held by a tool never came to rest. Every sum has a fixed order.
 //
 // The block is all latency: of loads that wait for each other, and of code, which has to be fetched while it runs for the first time. So loads come
-// early and together, loops stay loops, and nothing is written twice. Where points are few, which is usual, a group of eight threads cares for a site, and
-// what impulses do to each other's sites, worked out when sites were listed (near.cu), stays in registers.
+// early and together, loops stay loops, and nothing is written twice. Where points are few, which is usual, what impulses do to each other's sites, worked
+// out when sites were listed (near.cu), stays in registers: a matrix, zeros and all, of which each thread has a tile. Impulses go through shared memory, which
+// takes as long for each that a thread asks for, be it the same as others': so threads with few rows, or with couplings alone, would wait longer.
 #include "block.cuh"
 #include "contact.cuh"
 #include "layout.cuh"
@@ -18,22 +19,33 @@ namespace contact_kernel {
 constexpr int THREADS = 512, WARPS = THREADS / 32;
 // Threads that care for a site, and sites that are cared for at once.
 constexpr int LANES = 8, GROUPS = THREADS / LANES;
-// Couplings that a thread keeps in registers.
+// Couplings that a thread puts into the matrix.
 constexpr int HELD = MAX_COUPLED / LANES;
+// Iterations of few points: rows and columns of the matrix are points; a thread has so many rows, and every four columns in so many times four. Rows lie so
+// far apart that threads of a warp ask different banks.
+constexpr int TILE = 4, TILE_LANES = 8, COLUMNS = GROUPS / TILE_LANES, STRIDE = GROUPS + 4;
+constexpr int ITERATING = GROUPS / TILE * TILE_LANES;
+// Numbers that a tool receives.
+constexpr int NUMBERS = sizeof(ToolSum) / sizeof(double);
 // Most iterations for the impulses. One is the last when it changes none by more than this share of the largest that the first one found.
 constexpr int ITERATIONS = 256;
 constexpr float CONVERGED = 3e-4f;
+// How far a point goes in an iteration, by how far it may where all others go along: momentum bears up to 4/3.
+constexpr float STRIDES = 1.25f;
 // Tools and their parts that are fetched before it is known how many there are: a word for each thread.
 constexpr int EARLY_TOOLS = THREADS * 4 / sizeof(ToolStep), EARLY_PARTS = THREADS * 4 / sizeof(Part);
-// Loads of a carrier that a thread keeps in registers.
-constexpr int HELD_LOADS = 8;
 
 // Sums over the eight threads of a group.
 __device__ float group_sum(float x) {
     for (int step = 1; step < LANES; step *= 2) x += __shfl_xor_sync(~0u, x, step);
     return x;
 }
-__device__ Vec group_sum(const Vec& v) { return {group_sum(v.x), group_sum(v.y), group_sum(v.z)}; }
+
+// What a thread and one `step` lanes away have together of `low`, for the lower of them, and of `high` for the other.
+__device__ __forceinline__ Vec exchange(const Vec& low, const Vec& high, bool is_low, int step) {
+    const Vec keep = is_low ? low : high, away = is_low ? high : low;
+    return keep + Vec{__shfl_xor_sync(~0u, away.x, step), __shfl_xor_sync(~0u, away.y, step), __shfl_xor_sync(~0u, away.z, step)};
+}
 
 // A site: where it is at rest, how far from there it is and was before the substep, and what decides which parts of a tool it meets.
 struct Site {
@@ -80,7 +92,7 @@ struct Impulse {
 // What iterations know of a point.
 struct Known {
     Vec normal;
-    // See PointField.
+    // See PointField; `before` is that across the normal.
     float target;
     Vec before;
     float mass, friction;
@@ -96,21 +108,38 @@ struct Search {
 
 // One iteration of a point on a site whose velocity all impulses change by `change`. Gives how much was changed of what was found. Momentum grows with the
 // age of a way and ends with it, point by point: without it many points on few nodes take far more iterations, and with one that only grows, few points do.
+// What does not hang on `change` is put together first, for it can be had while others are waited for.
 __device__ __forceinline__ float improve(const Known& k, const Vec& change, bool is_last, Search& s) {
+    const float ahead = __fdividef(s.age, s.age + 3.0f), rest = s.now.push + k.mass * k.target;
+    const Vec held = s.now.drag - k.before * k.mass;
     // Along the normal: the rest of the depth, by pushing alone.
-    const float push = fmaxf(s.now.push + k.mass * (k.target - dot(change, k.normal)), 0.0f);
+    const float along = dot(change, k.normal), push = fmaxf(rest - k.mass * along, 0.0f);
     // Across it: with the tool, inside Coulomb's cone.
-    Vec slip = k.before + change;
-    slip = slip - k.normal * dot(slip, k.normal);
-    Vec drag = s.now.drag - slip * k.mass;
-    const float cone = k.friction * push, size2 = dot(drag, drag);
-    if (size2 > cone * cone) drag = drag * (cone * rsqrtf(size2));
+    Vec drag = held - (change - k.normal * along) * k.mass;
+    drag = drag * fminf(k.friction * push * rsqrtf(dot(drag, drag)), 1.0f);
     const Impulse way{push - s.last.push, drag - s.last.drag};
     const bool turns = way.push * s.way.push + dot(way.drag, s.way.drag) < 0.0f;
-    const float momentum = turns || is_last ? 0.0f : __fdividef(s.age, s.age + 3.0f);
+    const float momentum = turns || is_last ? 0.0f : ahead;
     s = {{push + way.push * momentum, drag + way.drag * momentum}, {push, drag}, way, turns ? 0.0f : s.age + 1.0f};
     return fmaxf(fabsf(way.push), fmaxf(fabsf(way.drag.x), fmaxf(fabsf(way.drag.y), fabsf(way.drag.z))));
 }
+
+// Behind the axes.
+constexpr int CHANGED = 3;
+
+// What is shared where points are few.
+struct Few {
+    // What impulses on active sites do to each other's; and in its place, once that is in registers, what points give to their tools.
+    union {
+        float matrix[GROUPS * STRIDE];
+        double given[NUMBERS * GROUPS];
+    };
+    float4 points[(BEFORE + 1) * GROUPS];
+    // Impulses on sites, axis by axis, and by how much they have changed, in turn those of one iteration and of the next; and what was found.
+    float impulses[2][CHANGED + 1][GROUPS];
+    float4 found[GROUPS];
+};
+static_assert(sizeof(Few) == CONTACT_SHARED_BYTES);
 
 // What a block works on.
 struct Work {
@@ -123,11 +152,12 @@ struct Work {
     uint32_t round, active;
     // The largest impulse of a first iteration, as bits.
     uint32_t* largest;
+    Few& few;
 };
 
-__device__ Vec velocity_of(const Work& w, uint32_t slot) {
+__device__ Vec velocity_of(const Pass& pass, uint32_t slot) {
     const size_t at = velocity_at(slot);
-    return {w.pass.v_next[at], w.pass.v_next[at + BRICK_NODES], w.pass.v_next[at + 2 * BRICK_NODES]};
+    return {pass.v_next[at], pass.v_next[at + BRICK_NODES], pass.v_next[at + 2 * BRICK_NODES]};
 }
 
 // What iterations start from: what cannot move has its impulse already.
@@ -136,11 +166,10 @@ __device__ Search start_of(const Known& known) {
     return {start, start, {0.0f, {0, 0, 0}}, 0.0f};
 }
 
-// What is known of a point on a site that moves with `velocity` and that all points together move by 1 / `mass` at most.
-__device__ Known known_of(const Work& w, uint32_t k, const Vec& velocity, float mass) {
+// What is known of a point that goes by `mass` times what is left of its velocity in an iteration.
+__device__ Known known_of(const Work& w, uint32_t k, float mass) {
     const float4 normal = w.points.at(NORMAL, k);
-    const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
-    return {vec(normal), normal.w, velocity - velocity_of(tool, vec(w.points.at(AT, k)), w.step.duration), mass, tool.friction};
+    return {vec(normal), normal.w, vec(w.points.at(BEFORE, k)), mass, w.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
 }
 
 __device__ void save(const Work& w, uint32_t k, const Search& search) {
@@ -156,7 +185,7 @@ __device__ Vec impulse_of(const Known& known, const Impulse& j) { return known.i
 // The sum of all impulses on a carrier, by its loads from `start` to `end`.
 __device__ __forceinline__ Vec load_of(const Work& w, uint32_t start, uint32_t end, const float4* impulses) {
     Vec sum{0, 0, 0};
-#pragma unroll 4
+#pragma unroll 8
     for (uint32_t e = start; e < end; ++e) {
         const Load load = w.c.loads[e];
         const uint32_t other = w.sites.of[load.site];
@@ -177,99 +206,191 @@ __device__ void kick(const Work& w, uint32_t slot, const Vec& v, const float4& u
     w.pass.u_next[slot] = make_float4(u.x + change.x * dt, u.y + change.y * dt, u.z + change.z * dt, u.w);
 }
 
-// Where all active sites are vertices, no more of them than there are groups, each with one point: a group keeps its site in registers, and each of its threads a node.
-__device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
-    __shared__ float4 impulses[2][GROUPS];
-    const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
-    // Groups of a warp stay together; those without a site repeat another's work and keep it to themselves.
-    const bool is_busy = (group & ~3u) < w.active, is_mine = group < w.active;
-    const uint32_t a = min(group, w.active - 1), site = w.sites.site[a], at = lane * MAX_SITES + site;
-    uint32_t others[HELD], widest = 0;
-    Vec by[HELD];
-    Known known;
-    Search search;
+// What a point gives to its tool.
+__device__ __forceinline__ void give(const Work& w, double* given, uint32_t stride, uint32_t k, const float4& impulse) {
+    const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
+    const bool is_pushed = impulse.w > 0.0f;
+    const Vec at = vec(w.points.at(AT, k)), j = is_pushed ? vec(w.points.at(NORMAL, k)) * impulse.w + vec(impulse) : Vec{0, 0, 0}, m = cross(at, j);
+    given[k] = -j.x, given[stride + k] = -j.y, given[2 * stride + k] = -j.z;
+    given[3 * stride + k] = -m.x, given[4 * stride + k] = -m.y, given[5 * stride + k] = -m.z;
+    given[6 * stride + k] = dot(j, velocity_of(tool, at, w.step.duration));
+    if (is_pushed) atomicAdd(&w.c.counts[PUSHED], 1);
+}
+
+// What the tools receive: the sums of what points give, by a warp for each number.
+struct Telling {
+    // Which number this is, if any.
+    uint32_t number;
+    // What tools have received before, each in another thread.
+    double before[MAX_TOOLS / 32];
+
+    __device__ __forceinline__ double& received(const Work& w, uint32_t tool) const { return reinterpret_cast<double*>(&w.c.sums[tool])[number]; }
+
+    // Some time ahead.
+    __device__ __forceinline__ Telling(const Work& w) : number(threadIdx.x / 32 - ITERATING / 32) {
+        if (number >= NUMBERS) return;
+#pragma unroll
+        for (int i = 0; i < MAX_TOOLS / 32; ++i) {
+            const uint32_t tool = i * 32 + threadIdx.x % 32;
+            before[i] = tool < w.step.tool_count ? received(w, tool) : 0.0;
+        }
+    }
+
+    __device__ __forceinline__ void tell(const Work& w, const double* given, uint32_t stride, uint32_t count) const {
+        if (number >= NUMBERS) return;
+        const uint32_t lane = threadIdx.x % 32;
+#pragma unroll 1
+        for (uint32_t tool = 0; tool < w.step.tool_count; ++tool) {
+            double sum = 0.0;
+#pragma unroll 1
+            for (uint32_t k = lane; k < count; k += 32) {
+                if (__float_as_uint(w.points.at(NAMES, k).x) == tool) sum += given[number * stride + k];
+            }
+#pragma unroll 1
+            for (int half = 16; half > 0; half /= 2) sum += __shfl_xor_sync(~0u, sum, half);
+            if (lane == tool % 32) received(w, tool) = (tool < 32 ? before[0] : before[1]) + sum;
+        }
+    }
+};
+
+// The impulses of few points, by the first threads. What an iteration has changed is looked at in the next one, while impulses are read: nothing waits for it
+// then. All threads of a warp find the same, and the compiler can see that; it need not provide for threads that have left.
+__device__ __forceinline__ void iterate(const Work& w, const Points& all) {
+    const uint32_t lane = threadIdx.x % TILE_LANES, first = threadIdx.x / TILE_LANES * TILE;
+    // The row that is left to a thread when all have added up what they have of theirs; two have the same.
+    const uint32_t row = first + lane / 2, k = min(row, w.active - 1);
+    const bool is_even = lane % 2 == 0, is_low[2] = {lane < TILE_LANES / 2, lane % 4 < 2};
+    float by[TILE][COLUMNS];
+#pragma unroll
+    for (int r = 0; r < TILE; ++r) {
+        // Rows without a point repeat the last one's work.
+        const float4* const from = reinterpret_cast<const float4*>(w.few.matrix + min(first + r, w.active - 1) * STRIDE);
+#pragma unroll
+        for (int half = 0; half < 2; ++half) {
+            const float4 four = from[half * TILE_LANES + lane];
+            by[r][4 * half] = four.x, by[r][4 * half + 1] = four.y, by[r][4 * half + 2] = four.z, by[r][4 * half + 3] = four.w;
+        }
+    }
+    Known known = known_of(w, k, w.points.at(BEFORE, k).w);
+    Search search = start_of(known);
+    if (!known.is_movable()) {
+        // Whatever comes, nothing follows from it.
+        known.normal = {0, 0, 0};
+        known.mass = 0.0f;
+    }
+    const float small = CONVERGED * __uint_as_float(*w.largest);
+    // Where it writes: along x and z, or along y and how much has changed.
+    float* const to = w.few.impulses[0][is_even ? 0 : 1] + row;
+    constexpr int NEXT = sizeof(w.few.impulses[0]) / sizeof(float);
+#pragma unroll 1
+    for (int iteration = 0;; ++iteration) {
+        const auto& from = w.few.impulses[iteration & 1];
+        const bool goes_on = __any_sync(~0u, iteration == 0 || fmaxf(from[CHANGED][threadIdx.x % 32], from[CHANGED][threadIdx.x % 32 + 32]) > small);
+        Vec changes[TILE] = {};
+#pragma unroll
+        for (int half = 0; half < 2; ++half) {
+            float4 j[3];
+#pragma unroll
+            for (int axis = 0; axis < 3; ++axis) j[axis] = reinterpret_cast<const float4*>(from[axis])[half * TILE_LANES + lane];
+#pragma unroll
+            for (int r = 0; r < TILE; ++r) {
+                const float* const b = by[r] + 4 * half;
+                changes[r] = changes[r] + Vec{j[0].x, j[1].x, j[2].x} * b[0];
+                changes[r] = changes[r] + Vec{j[0].y, j[1].y, j[2].y} * b[1];
+                changes[r] = changes[r] + Vec{j[0].z, j[1].z, j[2].z} * b[2];
+                changes[r] = changes[r] + Vec{j[0].w, j[1].w, j[2].w} * b[3];
+            }
+        }
+        // Each adds what another has of half of its rows to its own, and gives away the rest.
+        const Vec two[2] = {exchange(changes[0], changes[2], is_low[0], 4), exchange(changes[1], changes[3], is_low[0], 4)};
+        Vec change = exchange(two[0], two[1], is_low[1], 2);
+        change = exchange(change, change, true, 1);
+        const float changed = improve(known, change, false, search);
+        const Vec impulse = known.normal * search.now.push + search.now.drag;
+        float* const next = to + (~iteration & 1) * NEXT;
+        next[0] = is_even ? impulse.x : impulse.y;
+        next[2 * GROUPS] = is_even ? impulse.z : changed;
+        asm volatile("bar.sync 1, %0;" ::"n"(ITERATING) : "memory");
+        if (!goes_on || iteration + 1 == ITERATIONS) break;
+    }
+    if (row >= w.active || !is_even) return;
+    // What was found, without momentum.
+    w.few.found[row] = with(known.normal * search.last.push + search.last.drag, 0.0f);
+    const float4 impulse = with(search.last.drag, search.last.push);
+    all.at(IMPULSE, row) = impulse;
+    give(w, w.few.given, GROUPS, row, impulse);
+}
+
+// A node that impulses move: it and how it moved until now.
+struct Moved {
     Carrier carrier;
-    Load loads[HELD_LOADS];
     Vec v;
     float4 u, mobility;
-    bool is_carried = false;
-    if (is_busy) {
-        // All loads first.
-        carrier = w.c.site_carriers[at];
-        const float weight = w.c.site_weights[at];
-        float4 couplings[HELD];
+    bool is_mine;
+};
+
+// Where all active sites are vertices, no more of them than there are groups, each with one point. A group of eight threads puts together what moves a site;
+// then the first threads iterate, while groups of the others look up the nodes that sites hang on, a thread for each.
+__device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
+    const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
+    // Groups of a warp stay together; those without a site repeat another's work and keep it to themselves.
+    if ((group & ~3u) < w.active) {
+        const uint32_t a = min(group, w.active - 1), site = w.sites.site[a];
+        const bool is_mine = group < w.active;
+        Load couplings[HELD];
 #pragma unroll
         for (int i = 0; i < HELD; ++i) couplings[i] = w.c.couplings[site * MAX_COUPLED + i * LANES + lane];
-        is_carried = carrier.name != ~0u;
-        v = velocity_of(w, carrier.slot);
-        u = w.pass.u_next[carrier.slot];
-        mobility = w.c.mobility[is_carried ? carrier.name : 0];
-#pragma unroll
-        for (int i = 0; i < HELD_LOADS; ++i) loads[i] = i < carrier.count ? w.c.loads[carrier.start + i] : Load{site, 0.0f};
-
         float reach = 0.0f;
 #pragma unroll
         for (int i = 0; i < HELD; ++i) {
-            const uint32_t other = w.sites.of[__float_as_uint(couplings[i].w)];
-            const bool is_there = other != NOT_ACTIVE && couplings[i].x + couplings[i].y + couplings[i].z != 0.0f;
-            others[i] = is_there ? other : 0;
-            by[i] = is_there ? vec(couplings[i]) : Vec{0, 0, 0};
-            reach += fmaxf(fabsf(by[i].x), fmaxf(fabsf(by[i].y), fabsf(by[i].z)));
-            if (__any_sync(~0u, is_there)) widest = i + 1;
+            const uint32_t other = w.sites.of[couplings[i].site];
+            const float by = other != NOT_ACTIVE ? couplings[i].weight : 0.0f;
+            if (by != 0.0f && is_mine) w.few.matrix[a * STRIDE + other] = by;
+            reach += fabsf(by);
         }
-        known = known_of(w, a, group_sum(v * weight), 1.0f / group_sum(reach));
-        search = start_of(known);
+        const float mass = STRIDES / group_sum(reach);
         if (lane == 0 && is_mine) {
-            impulses[0][a] = make_float4(0, 0, 0, 0);
-            atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
+            w.points.at(BEFORE, a).w = mass;
+            atomicMax(w.largest, __float_as_uint(fmaxf(mass * w.points.at(NORMAL, a).w, 0.0f)));
         }
-        // Who writes which node, and by which active sites' impulses.
-        uint32_t first = NOT_ACTIVE;
-#pragma unroll
-        for (int i = 0; i < HELD_LOADS; ++i) {
-            const uint32_t other = w.sites.of[loads[i].site];
-            first = min(first, i < carrier.count ? other : NOT_ACTIVE);
-            if (other == NOT_ACTIVE) loads[i].weight = 0.0f;
-            loads[i].site = other == NOT_ACTIVE ? 0 : other;
-        }
-        for (uint32_t e = carrier.start + HELD_LOADS; e < carrier.start + carrier.count; ++e) first = min(first, uint32_t(w.sites.of[w.c.loads[e].site]));
-        is_carried = is_carried && is_mine && first == a;
     }
     __syncthreads();
-    const float small = CONVERGED * __uint_as_float(*w.largest);
-    int iteration = 0;
-    bool is_done = false;
-#pragma unroll 1
-    for (; !is_done; ++iteration) {
-        float changed = 0.0f;
-        if (is_busy) {
-            const float4* const from = impulses[iteration & 1];
-            Vec change{0, 0, 0};
+    constexpr uint32_t BUSY = ITERATING / LANES, ROUNDS = (GROUPS + GROUPS - BUSY - 1) / (GROUPS - BUSY);
+    Moved nodes[ROUNDS];
+    const Telling telling(w);
+    if (group < BUSY) {
+        iterate(w, all);
+    } else {
 #pragma unroll
-            for (int i = 0; i < HELD; ++i) {
-                if (i >= widest) break;
-                const float4 j = from[others[i]];
-                change = change + Vec{by[i].x * j.x, by[i].y * j.y, by[i].z * j.z};
-            }
-            change = group_sum(change);
-            if (known.is_movable()) changed = improve(known, change, false, search);
-            if (lane == 0 && is_mine) impulses[~iteration & 1][a] = with(impulse_of(known, search.now), 0.0f);
+        for (int round = 0; round < ROUNDS; ++round) {
+            Moved& node = nodes[round];
+            const uint32_t a = group - BUSY + round * (GROUPS - BUSY);
+            node.is_mine = a < w.active;
+            if (!node.is_mine) break;
+            node.carrier = w.c.site_carriers[lane * MAX_SITES + w.sites.site[a]];
+            node.is_mine = node.carrier.name != ~0u;
+            if (!node.is_mine) continue;
+            node.v = velocity_of(w.pass, node.carrier.slot);
+            node.u = w.pass.u_next[node.carrier.slot];
+            node.mobility = w.c.mobility[node.carrier.name];
+            // The first of its active sites writes it.
+            uint32_t first = NOT_ACTIVE;
+#pragma unroll 8
+            for (uint32_t e = node.carrier.start; e < node.carrier.start + node.carrier.count; ++e) first = min(first, uint32_t(w.sites.of[w.c.loads[e].site]));
+            node.is_mine = first == a;
         }
-        is_done = !__syncthreads_or(changed > small) || iteration + 1 == ITERATIONS;
-    }
-    // What was found, without momentum.
-    const float4* const found = impulses[iteration & 1];
-    if (lane == 0 && is_mine) {
-        impulses[iteration & 1][a] = with(impulse_of(known, search.last), 0.0f);
-        w.points.at(IMPULSE, a) = all.at(IMPULSE, a) = with(search.last.drag, search.last.push);
     }
     __syncthreads();
-    if (!is_carried) return;
-    Vec sum{0, 0, 0};
+    if (group >= BUSY) {
 #pragma unroll
-    for (int i = 0; i < HELD_LOADS; ++i) sum = sum + vec(found[loads[i].site]) * loads[i].weight;
-    sum = sum + load_of(w, carrier.start + HELD_LOADS, carrier.start + carrier.count, found);
-    kick(w, carrier.slot, v, u, scaled(mobility, sum));
+        for (int round = 0; round < ROUNDS; ++round) {
+            const Moved& node = nodes[round];
+            if (group - BUSY + round * (GROUPS - BUSY) >= w.active) break;
+            if (!node.is_mine) continue;
+            kick(w, node.carrier.slot, node.v, node.u, scaled(node.mobility, load_of(w, node.carrier.start, node.carrier.start + node.carrier.count, w.few.found)));
+        }
+    }
+    telling.tell(w, w.few.given, GROUPS, w.active);
 }
 
 // Any number of points: impulses go to the nodes, and from the nodes to the sites.
@@ -315,18 +436,16 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
 #pragma unroll 1
     for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
         const uint32_t site = w.sites.site[a];
-        Vec velocity{0, 0, 0};
         float reach = 0.0f;
 #pragma unroll 4
         for (uint32_t i = 0; i < row; ++i) {
             const float weight = w.c.site_weights[i * MAX_SITES + site];
             if (weight == 0.0f) continue;
-            velocity = velocity + velocity_of(w, w.c.site_slots[i * MAX_SITES + site]) * weight;
             reach += fabsf(weight) * w.c.changes[w.c.site_carriers[i * MAX_SITES + site].name].w;
         }
         for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
-            const Known known = known_of(w, k, velocity, 1.0f / reach);
-            w.points.at(BEFORE, k) = with(known.before, known.mass);
+            const Known known = known_of(w, k, STRIDES / reach);
+            w.points.at(BEFORE, k).w = known.mass;
             save(w, k, start_of(known));
             atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
         }
@@ -350,7 +469,7 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             }
             const Vec change = scaled(w.c.mobility[on], sum);
             w.c.changes[on] = with(change, 0.0f);
-            if (is_done) kick(w, carrier.slot, velocity_of(w, carrier.slot), w.pass.u_next[carrier.slot], change);
+            if (is_done) kick(w, carrier.slot, velocity_of(w.pass, carrier.slot), w.pass.u_next[carrier.slot], change);
         }
         if (is_done) return;
         __syncthreads();
@@ -382,35 +501,6 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
     }
 }
 
-// What the tools receive: every point's share, summed by a warp for each number.
-__device__ __forceinline__ void tell_tools(const Work& w, double* given, uint32_t stride, uint32_t count) {
-    __syncthreads();
-#pragma unroll 1
-    for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
-        const float4 impulse = w.points.at(IMPULSE, k);
-        const ToolStep& tool = w.tools[__float_as_uint(w.points.at(NAMES, k).x)];
-        const bool is_pushed = impulse.w > 0.0f;
-        const Vec at = vec(w.points.at(AT, k)), j = is_pushed ? vec(w.points.at(NORMAL, k)) * impulse.w + vec(impulse) : Vec{0, 0, 0}, m = cross(at, j);
-        given[k] = -j.x, given[stride + k] = -j.y, given[2 * stride + k] = -j.z;
-        given[3 * stride + k] = -m.x, given[4 * stride + k] = -m.y, given[5 * stride + k] = -m.z;
-        given[6 * stride + k] = dot(j, velocity_of(tool, at, w.step.duration));
-        if (is_pushed) atomicAdd(&w.c.counts[PUSHED], 1);
-    }
-    __syncthreads();
-    const uint32_t number = threadIdx.x / 32, lane = threadIdx.x % 32;
-    if (number >= 7) return;
-#pragma unroll 1
-    for (uint32_t t = 0; t < w.step.tool_count; ++t) {
-        double sum = 0.0;
-#pragma unroll 1
-        for (uint32_t k = lane; k < count; k += 32) {
-            if (__float_as_uint(w.points.at(NAMES, k).x) == t) sum += given[number * stride + k];
-        }
-#pragma unroll 1
-        for (int half = 16; half > 0; half /= 2) sum += __shfl_down_sync(~0u, sum, half);
-        if (lane == 0) reinterpret_cast<double*>(&w.c.sums[t])[number] += sum;
-    }
-}
 
 }  // namespace contact_kernel
 using namespace contact_kernel;
@@ -421,9 +511,9 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     __shared__ ToolStep tools[MAX_TOOLS];
     __shared__ Part early_parts[EARLY_PARTS];
     __shared__ View now[MAX_TOOLS], before[MAX_TOOLS];
-    __shared__ float4 mirror[(IMPULSE + 1) * GROUPS];
-    __shared__ double given[7 * GROUPS];
     __shared__ uint32_t largest, last_active;
+    extern __shared__ float4 dynamic[];
+    Few& shared = *reinterpret_cast<Few*>(dynamic);
     const uint32_t thread = threadIdx.x;
     const Step& step = *pass.step;
     // Bricks that are not near tools have nothing to wait for.
@@ -439,42 +529,62 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     if (thread < EARLY_PARTS * PART_WORDS) reinterpret_cast<uint32_t*>(early_parts)[thread] = part_word;
     for (uint32_t i = EARLY_TOOLS * TOOL_WORDS + thread; i < count_of_tools * TOOL_WORDS; i += THREADS) reinterpret_cast<uint32_t*>(tools)[i] = tool_words[i];
     if (thread == 0) largest = 0;
-    const Points few{mirror, GROUPS};
+    // No coupling, and no impulse, where nothing else is written.
+    for (uint32_t i = thread; i < CONTACT_SHARED_BYTES / sizeof(float4); i += THREADS) dynamic[i] = make_float4(0, 0, 0, 0);
+    const Points few{shared.points, GROUPS};
     const Points all{c.points, MAX_POINTS};
     uint32_t round;
 
-    // Find the points inside tools, in the order of sites and tools. What lies behind the last site is read as well: that is
-    // quicker than to wait for their number.
+    // Find the points inside tools, in the order of sites and tools. Warps that have none of them read nothing: many loads take their time even if nobody
+    // waits for them.
     uint32_t count = 0, active = 0;
     bool is_held = true;
 #pragma unroll 1
     for (uint32_t first = 0; first == 0 || first < sites; first += THREADS) {
-        const uint32_t site = first + thread, coupled = c.site_coupled[site];
-        const float4 rest = c.site_rest[site], own = c.site_own[site];
-        const uint2 names = c.site_names[site];
-        const float edge = c.site_edges[site];
-        // A vertex hangs on eight nodes.
-        const uint32_t row = names.x < c.first_triangle ? LANES : MAX_ROW;
-        uint32_t slots[LANES];
-        float weights[LANES];
+        const uint32_t site = first + thread;
+        const bool reads = (site & ~31u) < sites;
+        uint32_t coupled = 0, row = 0;
+        float4 rest{}, own{};
+        uint2 names{};
+        float edge = 0.0f;
+        uint32_t slots[LANES] = {};
+        float weights[LANES] = {};
+        if (reads) {
+            coupled = c.site_coupled[site];
+            rest = c.site_rest[site], own = c.site_own[site];
+            names = c.site_names[site];
+            edge = c.site_edges[site];
+            // A vertex hangs on eight nodes.
+            row = names.x < c.first_triangle ? LANES : MAX_ROW;
 #pragma unroll
-        for (int i = 0; i < LANES; ++i) {
-            slots[i] = c.site_slots[i * MAX_SITES + site];
-            weights[i] = c.site_weights[i * MAX_SITES + site];
+            for (int i = 0; i < LANES; ++i) {
+                slots[i] = c.site_slots[i * MAX_SITES + site];
+                weights[i] = c.site_weights[i * MAX_SITES + site];
+            }
         }
         // Up to here nothing was read that substeps change.
         if (first == 0) {
+            __syncthreads();
+            if (thread < 2 * count_of_tools) (thread % 2 ? before : now)[thread / 2] = view_of(tools[thread / 2], thread % 2 ? moment.from : moment.to);
             wait_for_previous();
             let_next_start();
             round = c.counts[ROUND] + 1;
         }
         const uint32_t diverged_at = *pass.diverged_at;
-        Vec moved{0, 0, 0}, came{0, 0, 0};
+        Vec moved{0, 0, 0}, came{0, 0, 0}, velocity{0, 0, 0};
+        if (reads) {
+            // Velocities are wanted where there is a point: they shall be near then.
 #pragma unroll
-        for (int i = 0; i < LANES; ++i) moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
-#pragma unroll 8
+            for (int i = 0; i < LANES; ++i) {
+                moved = moved + vec(pass.u_next[slots[i]]) * weights[i];
+                for (int axis = 0; axis < 3; ++axis) asm volatile("prefetch.global.L1 [%0];" ::"l"(pass.v_next + velocity_at(slots[i]) + axis * BRICK_NODES));
+            }
+        }
+#pragma unroll 4
         for (uint32_t i = LANES; i < row; ++i) {
-            moved = moved + vec(pass.u_next[c.site_slots[i * MAX_SITES + site]]) * c.site_weights[i * MAX_SITES + site];
+            const uint32_t slot = c.site_slots[i * MAX_SITES + site];
+            const float weight = c.site_weights[i * MAX_SITES + site];
+            moved = moved + vec(pass.u_next[slot]) * weight;
         }
         if (first == 0 && moment.is_first && thread < count_of_tools) c.sums[thread] = ToolSum{};
         if (follow) {
@@ -485,13 +595,6 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         }
         // All leave or none: bricks that advance meanwhile may diverge while this is looked at.
         if (__syncthreads_or(diverged_at <= pass.substep)) return;
-        if (first == 0) {
-            __syncthreads();
-            // By the last threads, for the first ones have most to do.
-            const uint32_t i = THREADS - 1 - thread, t = i / 2;
-            if (t < count_of_tools) (i % 2 ? before : now)[t] = view_of(tools[t], i % 2 ? moment.from : moment.to);
-            __syncthreads();
-        }
         const ToolStep& last_tool = tools[count_of_tools - 1];
         const Part* const parts = last_tool.part + last_tool.part_count <= EARLY_PARTS ? early_parts : c.parts;
         uint64_t met = 0;
@@ -522,13 +625,14 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                                                       : 0.0f;
                 const float4 normal = with(n, target), at = with(p.at, depth);
                 const float4 named = make_float4(__uint_as_float(t), __uint_as_float(names.x), 0.0f, 0.0f);
-                all.at(NORMAL, k) = normal;
-                all.at(AT, k) = at;
-                all.at(NAMES, k) = named;
-                if (k < GROUPS) {
-                    few.at(NORMAL, k) = normal;
-                    few.at(AT, k) = at;
-                    few.at(NAMES, k) = named;
+                const Vec seen = velocity - velocity_of(tool, p.at, step.duration);
+                const float4 across = with(seen - n * dot(seen, n), 0.0f);
+                for (const Points& points : {all, few}) {
+                    if (k >= points.stride) break;
+                    points.at(NORMAL, k) = normal;
+                    points.at(AT, k) = at;
+                    points.at(NAMES, k) = named;
+                    points.at(BEFORE, k) = across;
                 }
                 ++k;
             }
@@ -549,6 +653,10 @@ extern "C" __global__ void __launch_bounds__(THREADS)
                 continue;
             }
             if (end == MAX_POINTS) last_active = a + 1;
+#pragma unroll
+            for (int i = 0; i < LANES; ++i) velocity = velocity + velocity_of(pass, slots[i]) * weights[i];
+#pragma unroll 4
+            for (uint32_t i = LANES; i < row; ++i) velocity = velocity + velocity_of(pass, c.site_slots[i * MAX_SITES + site]) * c.site_weights[i * MAX_SITES + site];
             actives.site[a] = site;
             actives.first[a] = k;
             is_held = is_held && a < GROUPS && end - k == 1 && coupled <= MAX_COUPLED && row == LANES;
@@ -564,11 +672,16 @@ extern "C" __global__ void __launch_bounds__(THREADS)
     }
     if (count == 0) return;
     __syncthreads();
-    const Work work{c, pass, step, tools, actives, is_small ? few : all, round, active, &largest};
+    const Work work{c, pass, step, tools, actives, is_small ? few : all, round, active, &largest, shared};
     if (is_small) {
         resolve_few(work, all);
     } else {
         resolve_many(work);
+        const Telling telling(work);
+        __syncthreads();
+#pragma unroll 1
+        for (uint32_t k = thread; k < count; k += THREADS) give(work, c.given, MAX_POINTS, k, all.at(IMPULSE, k));
+        __syncthreads();
+        telling.tell(work, c.given, MAX_POINTS, count);
     }
-    tell_tools(work, is_small ? given : c.given, is_small ? GROUPS : MAX_POINTS, count);
 }

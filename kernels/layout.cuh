@@ -24,6 +24,10 @@ constexpr int MAX_TOOLS = 64;
 // Most contact points at once; most sites of the surface that may become one before they are listed anew; most nodes that
 // carry a site; and most sites to which one is coupled where points are few.
 constexpr int MAX_POINTS = 2048, MAX_SITES = 8192, MAX_ROW = 24, MAX_COUPLED = 32;
+// A site that nodes carry which are held along some axes alone: impulses do not move it alike along all of them.
+constexpr uint32_t UNEVEN = ~0u;
+// Bytes that contact's block shares beside what it declares: couplings between up to 64 points, five fields of those, and their impulses.
+constexpr int CONTACT_SHARED_BYTES = 64 * (68 * 4 + 5 * 16 + 2 * 16 + 16);
 
 // A tool during one step. Model frame.
 struct ToolStep {
@@ -229,7 +233,8 @@ enum PointField {
     NAMES,
     // Impulse on the tissue in N s, across the normal and along it.
     IMPULSE,
-    // Velocity of the tissue without contact, seen from the tool; and 1 / what all points together move this one by, at most.
+    // Velocity of the tissue without contact, seen from the tool, across the normal; and what an iteration makes an impulse of a velocity with: hardly more
+    // than 1 / what all points together move this one by, at most.
     BEFORE,
     // The impulse of the last iteration, and how it differs from that of the one before.
     LAST,
@@ -252,7 +257,7 @@ struct Carrier {
     uint32_t name;
 };
 
-// A site on a carrier.
+// A site on a carrier, or one that another is coupled to.
 struct Load {
     uint32_t site;
     float weight;
@@ -289,10 +294,10 @@ struct Contact {
     uint32_t* site_slots;     // [MAX_ROW][MAX_SITES]
     float* site_weights;      // [MAX_ROW][MAX_SITES]
     Carrier* site_carriers;   // [MAX_ROW][MAX_SITES]
-    // To how many sites each is coupled; and, for those that are to no more than MAX_COUPLED: what an impulse on another changes of its
-    // velocity, along the axes, and which other. Zeros fill the rest.
+    // To how many sites each is coupled, or UNEVEN; and, for those that are to no more than MAX_COUPLED: what an impulse on another changes of its
+    // velocity, which is the same along all axes. Zeros fill the rest.
     uint32_t* site_coupled;
-    float4* couplings;  // [MAX_SITES][MAX_COUPLED]
+    Load* couplings;  // [MAX_SITES][MAX_COUPLED]
     // The carrier on each slot.
     uint32_t* carrier_at;  // [slots]
     Carrier* carriers;

@@ -348,6 +348,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
         __syncwarp();
         const uint32_t start = site * MAX_COUPLED;
         uint32_t count = 0;
+        bool is_even = true;
         look_at_close(c, rest, sites, found[warp], [&](uint32_t other, bool is_there) {
             float4 by = make_float4(0, 0, 0, 0);
 #pragma unroll 8
@@ -366,12 +367,14 @@ extern "C" __global__ void __launch_bounds__(THREADS) contact_couple(const __gri
             const bool is_coupled = by.x != 0.0f || by.y != 0.0f || by.z != 0.0f;
             const uint32_t coupled = __ballot_sync(~0u, is_coupled);
             const uint32_t at = count + __popc(coupled & ((1u << lane) - 1));
-            if (is_coupled && at < MAX_COUPLED) c.couplings[start + at] = make_float4(by.x, by.y, by.z, __uint_as_float(other));
+            is_even = is_even && by.x == by.y && by.x == by.z;
+            if (is_coupled && at < MAX_COUPLED) c.couplings[start + at] = {other, by.x};
             if (is_there && other == site) c.site_own[site] = by;
             count += __popc(coupled);
         });
-        for (uint32_t at = count + lane; at < MAX_COUPLED; at += 32) c.couplings[start + at] = make_float4(0, 0, 0, 0);
-        if (lane == 0) c.site_coupled[site] = count;
+        for (uint32_t at = count + lane; at < MAX_COUPLED; at += 32) c.couplings[start + at] = {0, 0.0f};
+        is_even = __all_sync(~0u, is_even);
+        if (lane == 0) c.site_coupled[site] = is_even ? count : UNEVEN;
         __syncwarp();
     }
 }

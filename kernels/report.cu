@@ -45,7 +45,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) report(const float4* __res
     const uint32_t me = threadIdx.x, lane = me & 31, warp = me / 32, sequence = step->sequence, tools = step->tool_count;
     if (me < SUMS * tools) reinterpret_cast<double*>(report->sums)[me] = reinterpret_cast<const double*>(sums)[me];
     const uint32_t touching = tools ? contact[POINTS] : 0;
-    tell_points(points, touching, touched);
+    if (touched) tell_points(points, touching, touched);
     uint64_t began = 0;
     if (me == THREADS - 1) {
         began = *started;

@@ -372,10 +372,7 @@ impl<R: CpuReal> Core<R> {
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let (marks, bricks) = (&self.marks, &self.bricks);
-        let moved = |brick: u32| {
-            let near = bricks.around(brick as usize);
-            f64::from(near.map(|near| marks[near].displacement2).fold(0.0, f32::max)).sqrt()
-        };
+        let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();
         let mut nodes = ContactNodes {
             u_before: u,
             u: u_next,
@@ -387,7 +384,7 @@ impl<R: CpuReal> Core<R> {
             fastest,
             furthest,
         };
-        self.contact.resolve(plan.tools, span, &mut nodes, moved, sums);
+        self.contact.resolve(bricks, plan.tools, span, &mut nodes, moved, sums);
 
         report.contact_points = self.contact.point_count() as u32;
         report.substeps = substep + 1;

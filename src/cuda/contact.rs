@@ -19,8 +19,8 @@ use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::surface::ROW;
 use crate::sim::MAX_TOOLS;
-use crate::solver::ToolStep;
 use crate::solver::tool::{Contact, MAX_PARTS, ToolPath};
+use crate::solver::{StepPlan, ToolStep};
 
 /// Threads of a block of the kernels that list, of the one block of `contact_list`, and of the one that resolves.
 const NEAR_THREADS: u32 = 256;
@@ -122,7 +122,7 @@ pub struct ContactSurface {
     site_weights: Buffer<f32>,
     site_carriers: Buffer<Carrier>,
     site_coupled: Buffer<u32>,
-    couplings: Buffer<[f32; 4]>,
+    couplings: Buffer<Load>,
     carrier_at: Buffer<u32>,
     carriers: Buffer<Carrier>,
     mobility: Buffer<[f32; 4]>,
@@ -135,9 +135,10 @@ pub struct ContactSurface {
     given: Buffer<f64>,
     points: Buffer<[f32; 4]>,
     sums: Buffer<ToolSum>,
-    /// The points of the last step, where the device tells them, and how many they are.
+    /// The points of the last step, where the device tells them; how many they are, and whether it has told them.
     touched: Pinned<Touched>,
     touching: usize,
+    are_told: bool,
     /// The parts that lie in `parts`, tool by tool.
     known_parts: Vec<Part>,
     /// Those of a step that is being prepared.
@@ -155,6 +156,8 @@ pub struct Plan {
     pub divides: bool,
     /// How often sites are listed; 0 where the last list is still good.
     pub lists: u32,
+    /// Whether the points come with the step's report.
+    pub tells: bool,
 }
 
 impl ContactSurface {
@@ -225,6 +228,7 @@ impl ContactSurface {
             sums: Buffer::zeros(stream, MAX_TOOLS)?,
             touched: Pinned::array(stream, MAX_POINTS)?,
             touching: 0,
+            are_told: false,
             known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             model: model.clone(),
@@ -232,14 +236,15 @@ impl ContactSurface {
     }
 
     /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know.
-    pub fn prepare(&mut self, tools: &[ToolStep], substeps: u32, way: f64, step: &mut Step) -> Result<Plan> {
+    pub fn prepare(&mut self, plan: &StepPlan, way: f64, step: &mut Step) -> Result<Plan> {
+        let StepPlan { tools, substeps, tells_contacts: tells, .. } = *plan;
         let (moves, divides, reach) = self.note(tools, substeps, step)?;
         let jump = way / f64::from(substeps);
         step.may_jump = tools.iter().any(|tool| jump > JUMP * tool.desc.feature_m()).into();
         // Tissue that a tool pushes moves no faster than the tool.
         let way = self.lever * (way + reach);
         let lists = self.keep_up(tools, divides, substeps, [way, 0.0], step);
-        Ok(Plan { tools: tools.len() as u32, moves, divides, lists })
+        Ok(Plan { tools: tools.len() as u32, moves, divides, lists, tells })
     }
 
     /// What contact will do in an implicit step, which looks for points as near to tools as `reach` before any node moves: nodes went no further than `way` in
@@ -253,7 +258,7 @@ impl ContactSurface {
     ) -> Result<Plan> {
         let (moves, divides, _) = self.note(tools, 1, step)?;
         let lists = self.keep_up(tools, divides, 1, [self.lever * way, reach], step);
-        Ok(Plan { tools: tools.len() as u32, moves, divides, lists })
+        Ok(Plan { tools: tools.len() as u32, moves, divides, lists, tells: true })
     }
 
     /// Fills in what the device needs to know of tools: how many moves they make in a substep, whether long triangles are divided, and how far any tool goes.
@@ -355,7 +360,7 @@ impl ContactSurface {
             given: self.given.at(),
             points: self.points.at(),
             sums: self.sums.at(),
-            touched: self.touched.device_at(),
+            touched: self.told_at(plan),
         }
     }
 
@@ -441,37 +446,62 @@ impl ContactSurface {
     }
 
     /// What else the report is made of, counts and points; and where points are told.
-    pub fn told(&self) -> [CUdeviceptr; 3] {
-        [self.counts.at(), self.points.at(), self.touched.device_at()]
+    pub fn told(&self, plan: Plan) -> [CUdeviceptr; 3] {
+        [self.counts.at(), self.points.at(), self.told_at(plan)]
     }
 
-    /// The device has told so many points.
-    pub fn hear(&mut self, points: u32) {
+    /// Where the device writes points; null where they stay with it.
+    fn told_at(&self, plan: Plan) -> CUdeviceptr {
+        if plan.tells { self.touched.device_at() } else { 0 }
+    }
+
+    /// There are so many points, which the device has told where the plan said so. Gives how many bytes that were.
+    pub fn hear(&mut self, points: u32, plan: Plan) -> usize {
         self.touching = (points as usize).min(MAX_POINTS);
+        self.are_told = plan.tells;
+        if plan.tells { self.touching * size_of::<Touched>() } else { 0 }
     }
 
-    /// The contacts of one tool in the last substep, model frame; `origin` is where it is.
-    pub fn contacts_of(&self, tool: u32, origin: Vec3, dt: f64) -> impl Iterator<Item = Contact> {
+    /// The points of the last step, field by field, where they stayed with the device: they are copied here. Nothing where it has told them.
+    fn untold(&self) -> Result<Vec<[f32; 4]>> {
+        if self.are_told || self.touching == 0 {
+            return Ok(Vec::new());
+        }
+        let mut fields = vec![[0.0; 4]; point::TOLD * MAX_POINTS];
+        self.points.read(0, &mut fields)?;
+        Ok(fields)
+    }
+
+    /// Shows the contacts of one tool in the last substep, model frame; `origin` is where it is.
+    pub fn show(&self, tool: u32, origin: Vec3, dt: f64, show: &mut dyn FnMut(Contact)) -> Result<()> {
+        let untold = self.untold()?;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         let first_triangle = self.first_triangle();
         let vertex = move |element: u32| match element.checked_sub(first_triangle) {
             Some(triangle) => surface.triangles[triangle as usize][0],
             None => element,
         };
-        (0..self.touching).filter_map(move |k| {
-            // SAFETY: one of those that were heard of. The device told them before its report, and tells others in the next step alone.
-            let Touched { fields } = unsafe { self.touched.host().add(k).read_volatile() };
+        for k in 0..self.touching {
+            let Touched { fields } = if self.are_told {
+                // SAFETY: one of those that were heard of. The device told them before its report, and tells others in the next step alone.
+                unsafe { self.touched.host().add(k).read_volatile() }
+            } else {
+                Touched { fields: std::array::from_fn(|field| untold[field * MAX_POINTS + k]) }
+            };
             let vector = |field: usize| Vec3::from_fn(|axis, _| f64::from(fields[field][axis]));
             let name = |place: usize| fields[point::NAMES][place].to_bits();
             let (normal, push) = (vector(point::NORMAL), f64::from(fields[point::IMPULSE][3]));
-            (name(0) == tool && push > 0.0).then(|| Contact {
-                point_m: origin + vector(point::AT),
-                normal,
-                depth_m: f64::from(fields[point::AT][3]),
-                force_n: (normal * push + vector(point::IMPULSE)) / dt,
-                material: surface.materials[vertex(name(1)) as usize],
-            })
-        })
+            if name(0) == tool && push > 0.0 {
+                show(Contact {
+                    point_m: origin + vector(point::AT),
+                    normal,
+                    depth_m: f64::from(fields[point::AT][3]),
+                    force_n: (normal * push + vector(point::IMPULSE)) / dt,
+                    material: surface.materials[vertex(name(1)) as usize],
+                });
+            }
+        }
+        Ok(())
     }
 
     /// Forgets all contacts.

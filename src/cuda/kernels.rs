@@ -12,7 +12,7 @@ use cudarc::driver::sys::{
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
-use super::layout::{efg_block_bytes, efg_kept_bytes, efg_team_bytes};
+use super::layout::{CONTACT_SHARED_BYTES, efg_block_bytes, efg_kept_bytes, efg_team_bytes};
 use crate::error::{Error, Result};
 use crate::model::lattice::BRICK_SLOTS;
 
@@ -123,14 +123,7 @@ impl Module {
 
     /// A kernel whose blocks are all at work at the same time, each with so many bytes to share.
     fn function_together(&self, name: &CStr, shared_bytes: u32) -> Result<Kernel> {
-        let kernel = self.function(name)?;
-        let _entered = self.device.enter()?;
-        // SAFETY: an own function.
-        let status = unsafe {
-            (self.device.driver.func_set_attribute)(kernel.function, MOST_SHARED, shared_bytes as i32)
-        };
-        self.device.driver.check(status, "dividing a processor's memory")?;
-        Ok(Kernel { is_together: true, shared_bytes, ..kernel })
+        Ok(Kernel { is_together: true, ..self.function(name)?.sharing(&self.device, shared_bytes)? })
     }
 }
 
@@ -246,7 +239,7 @@ impl Kernels {
             substep_awake: lattice.overlapping_function(substep_awake)?,
             doze: sleep.function(c"doze")?,
             muster: sleep.function(c"muster")?,
-            contact: contact.overlapping_function(c"contact")?,
+            contact: contact.overlapping_function(c"contact")?.sharing(device, CONTACT_SHARED_BYTES)?,
             push: outside.function(c"push")?,
             drive: outside.function(c"drive")?,
             hold: outside.function(c"hold")?,
@@ -333,6 +326,16 @@ impl EfgKernels {
 }
 
 impl Kernel {
+    /// The kernel with so many bytes for each block to share beside what it declares.
+    fn sharing(self, device: &Device, shared_bytes: u32) -> Result<Self> {
+        let _entered = device.enter()?;
+        // SAFETY: an own function.
+        let status =
+            unsafe { (device.driver.func_set_attribute)(self.function, MOST_SHARED, shared_bytes as i32) };
+        device.driver.check(status, "dividing a processor's memory")?;
+        Ok(Self { shared_bytes, ..self })
+    }
+
     /// Whether it may start before what came before it on its stream has ended.
     pub fn overlaps(self) -> bool {
         self.overlaps
@@ -446,8 +449,11 @@ mod tests {
         for (kernel, declared) in &kernels {
             assert!(*declared <= MOST_DECLARED, "{kernel} declares {declared} bytes");
         }
+        /// What a block may share on a device of compute capability 7.5.
+        const MOST_SHARED: u32 = 64 << 10;
         let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact").unwrap();
         assert!(*declared > 0, "it is found");
+        assert!(*declared + CONTACT_SHARED_BYTES <= MOST_SHARED, "contact declares {declared} bytes");
     }
 
     #[test]

@@ -42,6 +42,8 @@ pub const MAX_POINTS: usize = 2048;
 pub const MAX_SITES: usize = 8192;
 pub const MAX_ROW: usize = 24;
 pub const MAX_COUPLED: usize = 32;
+/// Bytes that contact's block shares beside what it declares: couplings between up to 64 points, five fields of those, and their impulses.
+pub const CONTACT_SHARED_BYTES: u32 = 64 * (68 * 4 + 5 * 16 + 2 * 16 + 16);
 
 /// One shape of a tool, in the tool's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -12,7 +12,7 @@ use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::{Kernel, Kernels};
-use super::layout::{self, Law, Pass, REPORT_THREADS, Report, SOUND, Step, Touched, share};
+use super::layout::{self, Law, Pass, REPORT_THREADS, Report, SOUND, Step, share};
 use super::memory::{Buffer, Pinned, Stream};
 use super::near::NearTools;
 use super::outside::{self, Outside};
@@ -252,7 +252,7 @@ impl CudaSolver {
             let (mut marks, mut quads) = (self.state.marks.at(), self.state.marks.bytes() as u32 / 16);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
             let mut started = self.state.started.at();
-            let [mut counts, mut points, mut touched] = self.contact.told();
+            let [mut counts, mut points, mut touched] = self.contact.told(contact);
             let mut sums = self.contact.sums();
             let mut awake = self.sleep.on_device().counts;
             let mut report = self.report.device_at();
@@ -411,7 +411,7 @@ impl Solver for CudaSolver {
             vis_viva: self.vis_viva,
             ..Step::default()
         };
-        let contact = self.contact.prepare(plan.tools, plan.substeps, way, &mut step)?;
+        let contact = self.contact.prepare(plan, way, &mut step)?;
         let may_sleep = plan.sleeping && plan.regions.is_empty();
         self.near.prepare(plan.tools.len())?;
         let sleep = self.sleep.prepare(may_sleep, contact.lists > 0)?;
@@ -423,8 +423,7 @@ impl Solver for CudaSolver {
         })?;
 
         // Loads push after speeds were seen.
-        self.contact.hear(report.points);
-        self.stream.traffic.add_to_host(report.points as usize * size_of::<Touched>());
+        self.stream.traffic.add_to_host(self.contact.hear(report.points, contact));
         self.speed = f64::from(report.speed2).sqrt() + outside.acceleration * plan.dt;
         self.vis_viva = report.vis_viva as f32;
         self.origins.clear();
@@ -468,7 +467,7 @@ impl Solver for CudaSolver {
 
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
         let Some(&origin) = self.origins.get(tool) else { return };
-        self.contact.contacts_of(tool as u32, origin, self.last_dt).for_each(show);
+        self.or_lost(self.contact.show(tool as u32, origin, self.last_dt, show));
     }
 
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {

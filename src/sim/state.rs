@@ -543,6 +543,8 @@ impl State {
             loads: &self.loads,
             sleeping: self.desc.sleeping && settling.is_none(),
             kinetic_damping: settling == Some(true),
+            tells_contacts: settling.is_none()
+                && self.planned.iter().any(|&i| self.tools[i].device.is_some()),
         };
         self.sums.clear();
         self.sums.resize(self.steps.len(), ToolSum::default());

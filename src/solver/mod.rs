@@ -35,6 +35,8 @@ pub struct StepPlan<'a> {
     pub sleeping: bool,
     /// Whether velocities are cleared whenever the kinetic energy falls, so that the tissue settles.
     pub kinetic_damping: bool,
+    /// Whether contacts are asked for as soon as the step has ended, so that they had better come with what it reports.
+    pub tells_contacts: bool,
 }
 
 /// A tool during one step.

@@ -1,6 +1,7 @@
 //! Contact for a solver that finds impulses itself, together with all that tissue does in a step: where points are inside tools, and what they then receive.
 
 use super::super::lanes::Real;
+use super::super::nodes::Bricks;
 use super::{ContactNodes, ContactSurface, PUSH_LIMIT};
 use crate::math::Vec3;
 use crate::solver::{ToolStep, ToolSum};
@@ -49,24 +50,24 @@ impl Found<'_> {
 
 impl ContactSurface {
     /// Looks for points that are inside tools, as these are at the end of a step, or that may come there, nodes being where they are at its start. `span` is the
-    /// fraction of the tools' ways in that step, and `moved` bounds how far nodes of a brick and its neighbours are from rest, in m.
+    /// fraction of the tools' ways in that step, and `moved` bounds how far nodes of a brick are from rest, in m.
     pub fn look_ahead<R: Real>(
         &mut self,
+        bricks: &Bricks,
         tools: &[ToolStep],
         span: [f64; 2],
         nodes: &ContactNodes<R>,
-        moved: impl Fn(u32) -> f64,
+        moved: impl Fn(usize) -> f64,
     ) {
         self.points.clear();
         if tools.is_empty() {
             self.near.forget();
             return;
         }
-        self.near.travel(nodes.furthest);
+        self.travel(nodes.furthest);
         let follow = tools.iter().any(|tool| way_of(tool, span) > 0.5 * tool.desc.feature_m());
         let reach = reach(tools, span, nodes.fastest * nodes.dt, self.model.lattice().cell_m());
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
-        self.near.keep_up(surface, tools, nodes.u, reach, moved);
+        self.keep_up(bricks, tools, nodes.u, reach, moved);
         if !self.near.triangles().is_empty() {
             self.find_points(tools, span, follow, false, reach, nodes);
         }

@@ -15,16 +15,18 @@
 //! A point carried by held nodes alone (bone) cannot move. It answers with the impulse that would have moved its masses: a stiff wall
 //! without friction.
 
+mod awake;
 pub mod found;
 mod near;
 mod node_index;
 
 use std::sync::Arc;
 
-use self::near::{Bounds, Near, position};
+use self::awake::{Awake, Ball};
+use self::near::{Listed, Near, position};
 use self::node_index::{MAX_NODES, NodeIndex};
 use super::lanes::Real;
-use super::nodes::Field;
+use super::nodes::{Bricks, Field};
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
@@ -74,11 +76,8 @@ pub struct ContactSurface {
     model: Arc<Model>,
     near: Near,
     edges: Edges,
-    /// Where the listed vertices are, filled for each look at the contact: before the substep, and now.
-    moved_vertices: Vec<(Vec3, Vec3)>,
-    /// On which sides of a tool each of them is.
-    sides: Vec<u8>,
-    /// Which of them the tool has been asked about.
+    awake: Awake,
+    /// Which of the listed vertices a tool has been asked about.
     probed: Vec<bool>,
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
@@ -136,8 +135,7 @@ struct View<'a> {
     carry_over: Pose,
     /// How far a point may come before its way matters.
     stride: f64,
-    /// Around all that can be in reach.
-    radius: f64,
+    ball: Ball,
     /// How far from the tool a point may be.
     reach: f64,
 }
@@ -174,8 +172,7 @@ impl ContactSurface {
         let vertices = surface.positions.len();
         Self {
             near: Near::new(surface, model.lattice().cell_m()),
-            moved_vertices: Vec::with_capacity(vertices),
-            sides: Vec::with_capacity(vertices),
+            awake: Awake::new(surface.triangles.len(), vertices),
             probed: Vec::with_capacity(vertices),
             edges: surface.edges(),
             points: Vec::with_capacity(MAX_POINTS),
@@ -215,13 +212,14 @@ impl ContactSurface {
     }
 
     /// Pushes the tissue out of the tools at the end of a substep that spans the fractions `from` to `to` of the step, and adds to
-    /// each tool's sum. `moved` bounds how far nodes of a brick and its neighbours were from rest at its start, in m.
+    /// each tool's sum. `moved` bounds how far nodes of a brick were from rest at its start, in m.
     pub fn resolve<R: Real>(
         &mut self,
+        bricks: &Bricks,
         tools: &[ToolStep],
         span: [f64; 2],
         nodes: &mut ContactNodes<R>,
-        moved: impl Fn(u32) -> f64,
+        moved: impl Fn(usize) -> f64,
         sums: &mut [ToolSum],
     ) {
         self.points.clear();
@@ -230,7 +228,7 @@ impl ContactSurface {
             self.near.forget();
             return;
         }
-        self.near.travel(nodes.furthest);
+        self.travel(nodes.furthest);
         let way = |tool: &ToolStep| tool.path.reach(tool.desc.bounding_radius_m()) * (span[1] - span[0]);
         let moves = tools
             .iter()
@@ -247,8 +245,7 @@ impl ContactSurface {
         for step in 1..=moves as u32 {
             let t = span[0] + (span[1] - span[0]) * f64::from(step) / moves;
             let before = span[0] + (span[1] - span[0]) * f64::from(step - 1) / moves;
-            let surface = &self.model.surfaces()[self.model.contact_surface()];
-            self.near.keep_up(surface, tools, nodes.u, 0.0, |brick| moved(brick) + nodes.furthest + pushed);
+            self.keep_up(bricks, tools, nodes.u, 0.0, |brick| moved(brick) + nodes.furthest + pushed);
             if self.near.triangles().is_empty() {
                 continue;
             }
@@ -259,8 +256,29 @@ impl ContactSurface {
             }
             self.project(tools, nodes.dt, step == moves as u32);
             let push = self.apply(tools, t, nodes, sums);
-            self.near.travel(push);
+            self.travel(push);
             pushed += push;
+        }
+    }
+
+    /// No node has moved further than this since the last call.
+    fn travel(&mut self, distance: f64) {
+        self.near.travel(distance);
+        self.awake.travel(distance);
+    }
+
+    /// Lists the triangles anew that tools may meet, where the list is no longer good.
+    fn keep_up<R: Real>(
+        &mut self,
+        bricks: &Bricks,
+        tools: &[ToolStep],
+        u: &Field<R>,
+        reach: f64,
+        moved: impl Fn(usize) -> f64,
+    ) {
+        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        if self.near.keep_up(surface, bricks, tools, u, reach, moved) {
+            self.awake.restart();
         }
     }
 
@@ -294,14 +312,14 @@ impl ContactSurface {
         self.index.clear();
         let model = self.model.clone();
         let surface = &model.surfaces()[model.contact_surface()];
-        self.moved_vertices.clear();
-        let at = |vertex: &u32| {
-            let after = position(surface, *vertex, nodes.u);
-            let before =
-                if follow && tissue_moves { position(surface, *vertex, nodes.u_before) } else { after };
-            (before, after)
+        let ball = |tool: &ToolStep| Ball {
+            centre: tool.path.at(span[1]).translation.vector,
+            radius: tool.desc.bounding_radius_m() + reach,
         };
-        self.moved_vertices.extend(self.near.vertices().iter().map(at));
+        self.awake.sort_out(&self.near, tools.iter().map(ball), follow, |vertex| {
+            let after = position(surface, vertex, nodes.u);
+            (if follow && tissue_moves { position(surface, vertex, nodes.u_before) } else { after }, after)
+        });
 
         for (number, tool) in tools.iter().enumerate() {
             let pose = tool.path.at(span[1]);
@@ -310,26 +328,26 @@ impl ContactSurface {
                 tool,
                 to_tool: pose.inverse(),
                 stride: 0.5 * tool.desc.feature_m(),
-                radius: tool.desc.bounding_radius_m() + reach,
+                ball: ball(tool),
                 reach,
                 carry_over: pose * tool.path.at(span[0]).inverse(),
                 pose,
             };
-            let centre = pose.translation.vector;
-            let bounds = Bounds::around(centre, centre, view.radius);
-            self.sides.clear();
-            self.sides.extend(self.moved_vertices.iter().map(|&(before, after)| {
-                let sides = bounds.sides(after);
-                if follow && sides != 0 { sides & bounds.sides(view.start(before)) } else { sides }
-            }));
             self.probed.clear();
-            self.probed.resize(self.sides.len(), false);
-            for at in 0..self.near.triangles().len() {
-                let (triangle, places) = self.near.triangles()[at];
-                if places.iter().fold(!0, |all, &place| all & self.sides[place as usize]) != 0 {
+            self.probed.resize(self.near.vertices().len(), false);
+            for at in 0..self.awake.triangles().len() {
+                let listed = self.awake.triangles()[at];
+                let corners = self.awake.corners(&listed);
+                let [(a0, a), (b0, b), (c0, c)] = corners;
+                let gap = if follow {
+                    view.ball.gap(&[a, b, c, view.start(a0), view.start(b0), view.start(c0)])
+                } else {
+                    view.ball.gap(&[a, b, c])
+                };
+                if gap > 0.0 {
                     continue;
                 }
-                let corners = places.map(|place| self.moved_vertices[place as usize]);
+                let Listed { triangle, places } = listed;
                 let edge = self.edges.of_triangles[triangle as usize];
                 let divisions = view.divisions(corners.map(|c| c.1), edge, follow);
                 for (c, place) in places.into_iter().enumerate().filter(|_| divisions & 1 != 0) {
@@ -367,7 +385,7 @@ impl ContactSurface {
         let start = view.start(before);
         let travel = (p - start).norm();
         let met = if travel <= view.stride {
-            if (p - view.pose.translation.vector).norm_squared() >= view.radius * view.radius {
+            if (p - view.ball.centre).norm_squared() >= view.ball.radius * view.ball.radius {
                 return;
             }
             Some(view.tool.desc.distance(local(p))).filter(|met| met.distance < view.reach)

@@ -1,22 +1,25 @@
 //! Which triangles of the contact surface tools may meet.
 //!
 //! Around each tool's way in a step lies a box with some room to spare; listed are the triangles that reach into one. The list
-//! stays good while the tools stay in their boxes and no node has moved further than that room, so that it is made once in many steps.
+//! stays good while the tools stay in their boxes and no node has moved further than that room, so that it is made once in many substeps: where
+//! tissue is fast, there is more room.
 
 use super::super::lanes::Real;
-use super::super::nodes::Field;
+use super::super::nodes::{Bricks, Field};
+use super::awake::USUAL_TOOLS;
 use crate::math::Vec3;
 use crate::model::lattice::BRICK_SLOTS;
 use crate::model::surface::{ROW, Surface};
 use crate::solver::ToolStep;
 
-/// Room to spare around a tool's way, in cells.
+/// Least room to spare around a tool's way, in cells.
 const ROOM: f64 = 1.0;
+/// Substeps that the room is good for, at the pace of the last one; and most room, in cells.
+const LASTING: f64 = 32.0;
+const MOST_ROOM: f64 = 8.0;
 /// In [`Near::place_of`]: not looked at, and looked at but part of no listed triangle.
 const UNSEEN: u32 = u32::MAX;
 const FAR: u32 = u32::MAX - 1;
-/// Boxes for which memory is taken at creation.
-const USUAL_TOOLS: usize = 64;
 /// On which sides of the boxes a point lies: a byte for each box, in turn; where boxes share one, the sides on which it lies of all of them.
 type Sides = [u8; 8];
 
@@ -26,8 +29,7 @@ pub struct Near {
     groups: Vec<Group>,
     /// Triangles in the order of their groups.
     grouped: Vec<u32>,
-    /// Listed triangles, with their corners' places in `vertices`.
-    triangles: Vec<(u32, [u32; 3])>,
+    triangles: Vec<Listed>,
     /// Their vertices, each once: six triangles share a vertex, and moving one reads eight nodes.
     vertices: Vec<u32>,
     /// The place of each vertex in `vertices`, or [`FAR`], or [`UNSEEN`].
@@ -39,9 +41,22 @@ pub struct Near {
     boxes: Vec<Bounds>,
     /// How far nodes may have moved since the list was made, in m.
     travelled: f64,
-    room: f64,
-    /// Largest Σ |w| of a vertex: how much further than a node it may move.
+    /// How far they may have moved in the last substep, in m.
+    pace: f64,
+    cell_m: f64,
+    /// Σ |w| of each vertex: how much further than its nodes it may move.
+    levers: Vec<f32>,
+    /// The largest of them.
     lever: f64,
+}
+
+/// A listed triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Listed {
+    /// Its number in the surface.
+    pub triangle: u32,
+    /// The places of its corners in [`Near::vertices`].
+    pub places: [u32; 3],
 }
 
 /// Triangles whose corners hang on the same bricks.
@@ -112,7 +127,7 @@ impl Near {
             }
         }
         let vertices = surface.positions.len();
-        let size = |weights: &[f32; ROW]| weights.iter().map(|w| f64::from(w.abs())).sum();
+        let levers: Vec<f32> = surface.rows.iter().map(|row| lever(&row.weights)).collect();
         Self {
             triangles: Vec::with_capacity(grouped.len()),
             vertices: Vec::with_capacity(vertices),
@@ -121,15 +136,17 @@ impl Near {
             sides_of: vec![Sides::default(); vertices],
             boxes: Vec::with_capacity(USUAL_TOOLS),
             travelled: f64::INFINITY,
-            room: ROOM * h,
-            lever: surface.rows.iter().map(|row| size(&row.weights)).fold(1.0, f64::max),
+            pace: 0.0,
+            cell_m: h,
+            lever: levers.iter().copied().map(f64::from).fold(1.0, f64::max),
+            levers,
             groups,
             grouped,
         }
     }
 
-    /// The listed triangles, with their corners' places in [`Self::vertices`].
-    pub fn triangles(&self) -> &[(u32, [u32; 3])] {
+    /// The listed triangles.
+    pub fn triangles(&self) -> &[Listed] {
         &self.triangles
     }
 
@@ -145,21 +162,29 @@ impl Near {
         self.boxes.clear();
     }
 
+    /// How much further than the nodes any point of a listed triangle may move.
+    pub fn lever(&self, listed: &Listed) -> f32 {
+        let levers = listed.places.map(|place| self.levers[self.vertices[place as usize] as usize]);
+        levers.into_iter().fold(1.0, f32::max)
+    }
+
     /// No node has moved further than this since the last call.
     pub fn travel(&mut self, distance: f64) {
-        self.travelled += distance * self.lever;
+        self.pace = distance * self.lever;
+        self.travelled += self.pace;
     }
 
     /// Makes the list anew unless it is still good for all that is within `reach` of the tools' ways in this step. `moved` bounds how far nodes of a brick
-    /// and its neighbours are from rest, in m.
+    /// are from rest, in m. Returns whether it was made anew.
     pub fn keep_up<R: Real>(
         &mut self,
         surface: &Surface,
+        bricks: &Bricks,
         tools: &[ToolStep],
         u: &Field<R>,
         reach: f64,
-        moved: impl Fn(u32) -> f64,
-    ) {
+        moved: impl Fn(usize) -> f64,
+    ) -> bool {
         let way = |tool: &ToolStep, spare: f64| {
             let (from, to) = (tool.path.from.translation.vector, tool.path.to.translation.vector);
             Bounds::around(from, to, tool.desc.bounding_radius_m() + spare)
@@ -168,11 +193,12 @@ impl Near {
         let is_good = self.boxes.len() == tools.len()
             && self.boxes.iter().zip(tools).all(|(list, tool)| list.holds(&way(tool, reach), self.travelled));
         if is_good {
-            return;
+            return false;
         }
         self.forget();
         self.travelled = 0.0;
-        self.boxes.extend(tools.iter().map(|tool| way(tool, reach + self.room)));
+        let room = (LASTING * self.pace).clamp(ROOM * self.cell_m, MOST_ROOM * self.cell_m);
+        self.boxes.extend(tools.iter().map(|tool| way(tool, reach + room)));
 
         let Self { groups, grouped, triangles, vertices, place_of, seen, sides_of, boxes, lever, .. } = self;
         for vertex in seen.drain(..) {
@@ -185,8 +211,11 @@ impl Near {
             })
         };
         let is_near = |bounds: &Bounds, slack: f64| boxes.iter().any(|tool| tool.meets(bounds, slack));
-        for group in groups.iter() {
-            if !is_near(&group.bounds, group.bricks.map(&moved).into_iter().fold(0.0, f64::max) * *lever) {
+        // Most groups lie too far away whoever moves.
+        let furthest = (0..bricks.count()).map(&moved).fold(0.0, f64::max);
+        for group in groups.iter().filter(|group| is_near(&group.bounds, furthest * *lever)) {
+            let around = group.bricks.iter().flat_map(|&brick| bricks.around(brick as usize));
+            if !is_near(&group.bounds, around.map(&moved).fold(0.0, f64::max) * *lever) {
                 continue;
             }
             for &triangle in &grouped[group.start as usize..group.end as usize] {
@@ -210,10 +239,11 @@ impl Near {
                         }
                         *place
                     });
-                    triangles.push((triangle, places));
+                    triangles.push(Listed { triangle, places });
                 }
             }
         }
+        true
     }
 }
 
@@ -221,6 +251,12 @@ impl Near {
 fn has_zero_byte(bytes: u64) -> bool {
     const ONES: u64 = u64::from_ne_bytes([1; 8]);
     bytes.wrapping_sub(ONES) & !bytes & ONES << 7 != 0
+}
+
+/// Σ |w| of a row, rounded up.
+fn lever(weights: &[f32; ROW]) -> f32 {
+    let sum: f64 = weights.iter().map(|w| f64::from(w.abs())).sum();
+    sum as f32 * (1.0 + f32::EPSILON)
 }
 
 /// Where a vertex is, model frame. Displacements are added up as they are stored, and widened once.
@@ -240,6 +276,7 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
+    use super::super::awake::{Awake, Ball};
     use super::*;
     use crate::math::Pose;
     use crate::model::grid::LabelGrid;
@@ -248,20 +285,22 @@ mod tests {
     use crate::solver::tool::{ToolDesc, ToolPath};
 
     #[test]
-    fn a_list_holds_every_triangle_in_reach_for_as_long_as_it_is_kept() {
-        let (h, cells) = (1e-3, [24, 6, 4]);
+    fn every_triangle_in_reach_is_listed_and_awake_while_tool_and_tissue_move() {
+        let (h, cells) = (1e-3, [40, 6, 4]);
         let mut build = Build::new(
             LabelGrid::new(cells, Vec3::repeat(h), Pose::identity(), vec![1; cells.iter().product()])
                 .unwrap(),
         );
         build.uses = BTreeMap::from([(1, LabelUse::Tissue(Material::new("t", 3e3, 0.25, 1e3).unwrap()))]);
-        let model = build.run(&mut |_, _| true).unwrap();
+        let model = Arc::new(build.run(&mut |_, _| true).unwrap());
         let surface = &model.surfaces()[model.contact_surface()];
         let mut u = Field::<f32>::zeros(model.lattice().bricks().len());
+        let bricks = Bricks::new(model.clone());
         let mut near = Near::new(surface, h);
+        let mut awake = Awake::new(surface.triangles.len(), surface.positions.len());
 
         // The block slides under the tool by a tenth of a cell at a time, the tool against it by half as much.
-        let (mut fewest, mut kept) = (usize::MAX, 0);
+        let (mut fewest, mut kept, mut looked_at, mut all) = (usize::MAX, 0, 0, 0);
         for step in 0..60 {
             let slid = 1e-4 * f64::from(step);
             for slot in model.lattice().slots() {
@@ -275,21 +314,40 @@ mod tests {
             };
             let before = near.triangles().to_vec();
             near.travel(1e-4);
-            near.keep_up(surface, std::slice::from_ref(&tool), &u, 0.0, |_| slid);
+            awake.travel(1e-4);
+            if near.keep_up(surface, &bricks, std::slice::from_ref(&tool), &u, 0.0, |_| slid) {
+                awake.restart();
+            }
             kept += usize::from(near.triangles() == before);
 
             let centre = tool.path.to.translation.vector;
             let bounds = Bounds::around(centre, centre, 2e-3);
-            let listed: Vec<u32> = near.triangles().iter().map(|(triangle, _)| *triangle).collect();
+            let listed: Vec<u32> = near.triangles().iter().map(|listed| listed.triangle).collect();
             for (triangle, corners) in (0..).zip(&surface.triangles) {
                 let sides = corners.map(|vertex| bounds.sides(position(surface, vertex, &u)));
                 if sides[0] & sides[1] & sides[2] == 0 {
                     assert!(listed.contains(&triangle), "step {step}, triangle {triangle}");
                 }
             }
+
+            awake.sort_out(&near, std::iter::once(Ball { centre, radius: 2e-3 }), false, |vertex| {
+                looked_at += 1;
+                let at = position(surface, vertex, &u);
+                (at, at)
+            });
+            let awake: Vec<u32> = awake.triangles().iter().map(|listed| listed.triangle).collect();
+            for (triangle, corners) in (0..).zip(&surface.triangles) {
+                let corners = corners.map(|vertex| position(surface, vertex, &u));
+                let middle = corners.iter().sum::<Vec3>() / 3.0;
+                if corners.into_iter().chain([middle]).any(|p| (p - centre).norm() < 2e-3) {
+                    assert!(awake.contains(&triangle), "step {step}, triangle {triangle} sleeps");
+                }
+            }
+            all += near.vertices().len();
             fewest = fewest.min(listed.len());
         }
         assert!(fewest < surface.triangles.len() / 2 && kept > 30, "{fewest} listed, {kept} times kept");
+        assert!(looked_at < all / 2, "{looked_at} looks at {all} listed vertices");
     }
 
     #[test]

@@ -216,9 +216,7 @@ impl<R: EfgReal> EfgSolver<R> {
             fastest: *fastest,
             furthest: *fastest * plan.dt,
         };
-        let moved =
-            |brick: u32| bricks.around(brick as usize).map(|near| system.moved(near)).fold(0.0, f64::max);
-        contact.look_ahead(plan.tools, span, &nodes, moved);
+        contact.look_ahead(bricks, plan.tools, span, &nodes, |brick| system.moved(brick));
         press.begin(contact, plan.tools, plan.dt, wall_n_m, system);
     }
 

@@ -219,7 +219,7 @@ impl<R: Number> CudaEfgSolver<R> {
         let contact = self.contact.prepare_ahead(plan.tools, way, reach, &mut record.step)?;
         self.near.prepare(plan.tools.len())?;
         let report = self.take(record, contact, outside)?;
-        self.contact.hear(report.points);
+        self.stream.traffic.add_to_host(self.contact.hear(report.points, contact));
         self.speed = f64::from(report.speed2).sqrt();
         self.last_dt = plan.dt;
         if report.diverged_at != SOUND {
@@ -325,7 +325,7 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
 
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact)) {
         let Some(&origin) = self.origins.get(tool) else { return };
-        self.contact.contacts_of(tool as u32, origin, self.last_dt).for_each(show);
+        self.or_lost(self.contact.show(tool as u32, origin, self.last_dt, show));
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {

@@ -88,6 +88,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("MAX_SITES", MAX_SITES),
         ("MAX_ROW", MAX_ROW),
         ("MAX_COUPLED", MAX_COUPLED),
+        ("CONTACT_SHARED_BYTES", CONTACT_SHARED_BYTES as usize),
         ("COUNTS", COUNTS),
         ("TOLD_FIELDS", point::TOLD),
         ("AWAKE", sleepers::AWAKE),

@@ -2,10 +2,10 @@
 // it means, and worker.cuh for how bricks are divided. The last block cares for contact, and tells the host.
 //
 // Conjugate gradients in the form of Chronopoulos and Gear: A times the preconditioned residual gives all that an iteration needs to know at once, so that
-// blocks sum up but once in each, and meet twice, or once where each team has one brick; see kept.cuh. No number leaves the device before the end of the step.
+// blocks meet twice in each, and sum up but once. No number leaves the device before the end of the step.
 #include "clock.cuh"
-#include "kept.cuh"
 #include "touched.cuh"
+#include "worker.cuh"
 
 namespace efg_kernel {
 
@@ -16,6 +16,11 @@ constexpr double STALLED = 0.9;
 // Most solutions of a step, each with contact as the one before answered.
 constexpr int MAX_SOLUTIONS = 8;
 
+// What an iteration sums up.
+struct Sums {
+    // r·r, r·z and z·A z.
+    double numbers[3];
+};
 
 // How far a step came, the same in all threads.
 struct Reached {
@@ -29,8 +34,6 @@ struct Run {
     Worker<R>& w;
     Press<R>& press;
     const Contact& c;
-    // What this thread's team may keep.
-    Kept<R>& kept;
     bool has_contact = false;
     double noise = 0.0;
 
@@ -88,62 +91,26 @@ struct Run {
         });
     }
 
-    // A step along the direction that follows from what all sum up; and whether there is one to take.
-    struct Stride {
-        double alpha = 0.0, beta = 0.0, rz = 0.0;
-
-        __device__ __forceinline__ bool follows(const Sums& all, double enough) {
-            if (!(sqrt(all.numbers[0]) > enough)) return false;
-            beta = is_first() ? 0.0 : all.numbers[1] / rz;
-            const double curvature = is_first() ? all.numbers[2] : all.numbers[2] - beta * all.numbers[1] / alpha;
-            // Not a number, or no descent: what was found so far stands.
-            if (!(curvature > 0.0)) return false;
-            rz = all.numbers[1];
-            alpha = rz / curvature;
-            return true;
-        }
-        __device__ __forceinline__ bool is_first() const { return rz == 0.0; }
-    };
-
     // Improves x by conjugate gradients until the recursive residual is small enough. `sums` are those of a renewed residual.
     __device__ void descend(double enough, uint32_t most, Sums sums, Reached& reached) const {
-        Stride stride;
+        double alpha = 0.0, rz = 0.0;
         while (reached.iterations < most) {
             sums.numbers[2] = 0.0;
             multiply(sums);
             Sums all = sums;
             meet_with<Sum>(w.grid, all.numbers);
-            if (!stride.follows(all, enough)) return;
+            if (!(sqrt(all.numbers[0]) > enough)) return;
+            const double beta = alpha == 0.0 ? 0.0 : all.numbers[1] / rz;
+            const double curvature = alpha == 0.0 ? all.numbers[2] : all.numbers[2] - beta * all.numbers[1] / alpha;
+            // Not a number, or no descent: what was found so far stands.
+            if (!(curvature > 0.0)) return;
+            rz = all.numbers[1];
+            alpha = rz / curvature;
             sums = {};
-            relax(stride.alpha, stride.beta, sums);
+            relax(alpha, beta, sums);
             meet(w.grid);
             ++reached.iterations;
         }
-    }
-
-    // Likewise, where each team has one brick.
-    __device__ void descend_keeping(double enough, uint32_t most, Sums sums, Reached& reached) const {
-        const Efg& e = w.e;
-        const bool has_brick = w.is_worker && w.first_brick() < e.bricks, follows = has_contact && !w.is_worker;
-        Keeper<R> keeper(w, kept);
-        if (has_brick) keeper.begin(c, has_contact);
-        if (follows) press.follow(e.z);
-        Stride stride;
-        for (uint32_t turn = 0; reached.iterations < most; turn ^= 1) {
-            // What others still read of the last iteration stays.
-            void* const m = turn ? e.s : e.w;
-            sums.numbers[2] = has_brick ? keeper.multiply(m) : follows ? press.touch_followed(turn) : 0.0;
-            Sums all = sums;
-            meet_with<Sum>(w.grid, all.numbers);
-            const bool is_first = stride.is_first();
-            if (!stride.follows(all, enough)) break;
-            sums = {};
-            if (has_brick) keeper.relax(m, turn, R(stride.alpha), R(stride.beta), is_first, sums);
-            if (follows) press.follow(m, R(stride.alpha), R(stride.beta), is_first);
-            ++reached.iterations;
-        }
-        if (has_brick) keeper.leave();
-        meet(w.grid);
     }
 
     // One solution with contact as it answers now.
@@ -165,11 +132,7 @@ struct Run {
             // A new start that found little has met what rounding leaves, or what is not finite.
             const bool stalls = !starts && !(left < STALLED * before);
             if (!(left > target) || stalls || reached.iterations >= w.step.max_iterations) return;
-            if (w.e.keeps && (!has_contact || *(volatile uint32_t*)w.e.follows)) {
-                descend_keeping(AHEAD * target, w.step.max_iterations, sums, reached);
-            } else {
-                descend(AHEAD * target, w.step.max_iterations, sums, reached);
-            }
+            descend(AHEAD * target, w.step.max_iterations, sums, reached);
         }
     }
     mutable double noise_of_all = 0.0;
@@ -205,10 +168,7 @@ __device__ void carry(const Worker<R>& w, const Contact& c, bool has_contact) {
             const Held node = w.holds.nodes[i];
             const uint32_t carrier = w.carrier_of(c, has_contact, node.slot);
             V3<R> j = plus(vector_of<R>(e.ax, node.slot), vector_of<R>(e.b, node.slot), R(-1));
-            if (carrier != ~0u) {
-                const R* const more = w.touched_on(carrier, 0);
-                j = plus(j, {more[0], more[1], more[2]}, R(1));
-            }
+            if (carrier != ~0u) j = plus(j, w.touched_on(carrier), R(1));
             const Vec arm = rotate(view.turn, vec(node.place)), impulse{float(j.x), float(j.y), float(j.z)}, moment = cross(arm, impulse);
             force[0] -= j.x, force[1] -= j.y, force[2] -= j.z;
             rest[0] -= moment.x, rest[1] -= moment.y, rest[2] -= moment.z;
@@ -264,14 +224,13 @@ __device__ void tell(const Worker<R>& w, const Press<R>& press, const Contact& c
     *(volatile uint32_t*)&report.sequence = w.step.step.sequence;
 }
 
-template <class R>
+template <class R, int FEWEST_TEAMS>
 __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const Push& loads, const Drive& regions, const Hold& holds, unsigned char* memory) {
-    static_assert(sizeof(Shared<R>) == EFG_BLOCK_BYTES<R> && sizeof(Team<R>) == EFG_TEAM_BYTES<R> && sizeof(Kept<R>) == EFG_KEPT_BYTES<R>);
+    static_assert(sizeof(Shared<R>) == EFG_BLOCK_BYTES<R> && sizeof(Team<R>) == EFG_TEAM_BYTES<R>);
+    static_assert(sizeof(PressShared) <= FEWEST_TEAMS * sizeof(Team<R>));
     Shared<R>& s = *reinterpret_cast<Shared<R>*>(memory);
     unsigned char* const others = memory + sizeof(Shared<R>);
-    Team<R>* const teams = reinterpret_cast<Team<R>*>(others);
-    Worker<R> w(e, loads, regions, holds, s, teams);
-    Kept<R>& kept = reinterpret_cast<Kept<R>*>(teams + w.teams)[w.team];
+    Worker<R> w(e, loads, regions, holds, s, reinterpret_cast<Team<R>*>(others));
     const EfgStep& step = w.step;
     if (threadIdx.x < 16) {
         const EfgLaw law = e.laws[threadIdx.x];
@@ -282,9 +241,8 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
     if (!w.is_worker && threadIdx.x == 0 && e.starts) *e.started = clock_ns();
     __syncthreads();
 
-    unsigned char* const room = others + sizeof(PressShared);
-    Press<R> press(e, c, *reinterpret_cast<PressShared*>(others), room, uint32_t(memory + e.bytes - room));
-    Run<R> run{w, press, c, kept};
+    Press<R> press(e, c, *reinterpret_cast<PressShared*>(others));
+    Run<R> run{w, press, c};
     float seen[3] = {};
     w.for_each_brick([&](uint32_t brick) { w.look(brick, seen); });
     w.look_at_rows(seen);
@@ -309,11 +267,7 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
     }
     w.push();
     w.take_along();
-    if (run.has_contact && !w.is_worker) {
-        press.begin();
-        const bool follows = e.keeps && press.prepare_to_follow();
-        if (threadIdx.x == 0) *e.follows = follows;
-    }
+    if (run.has_contact && !w.is_worker) press.begin();
     if (w.takes_any()) meet(w.grid);
 
     Reached reached{};
@@ -345,13 +299,13 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
 }  // namespace efg_kernel
 using namespace efg_kernel;
 
-#define PLP_EFG(NAME, R, MOST_TEAMS)                                                                                              \
+#define PLP_EFG(NAME, R, FEWEST_TEAMS, MOST_TEAMS)                                                                               \
     extern "C" __global__ void __launch_bounds__(MOST_TEAMS* BRICK_NODES, 1)                                                     \
         NAME(const __grid_constant__ Efg e, const __grid_constant__ Contact c, const __grid_constant__ Push loads,               \
              const __grid_constant__ Drive regions, const __grid_constant__ Hold holds) {                                        \
         extern __shared__ float4 memory[];                                                                                       \
-        take_step<R>(e, c, loads, regions, holds, reinterpret_cast<unsigned char*>(memory));                                     \
+        take_step<R, FEWEST_TEAMS>(e, c, loads, regions, holds, reinterpret_cast<unsigned char*>(memory));                       \
     }
-// With as many teams as registers allow.
-PLP_EFG(efg_single, float, 6)
-PLP_EFG(efg_double, double, 4)
+// With as many teams as fit into 64 KiB of shared memory at least, and as registers allow at most.
+PLP_EFG(efg_single, float, 4, 6)
+PLP_EFG(efg_double, double, 2, 4)

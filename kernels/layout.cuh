@@ -403,9 +403,6 @@ enum PressField {
     PRESS_FIELDS = ANSWER + 3,
 };
 
-// Most nodes that carry sites, and numbers that contact keeps of each: what it adds to A times a vector, and that preconditioned.
-constexpr int MAX_CARRIERS = MAX_ROW * MAX_SITES, TOUCHED = 6;
-
 // Places of a row.
 constexpr int ROW = 20;
 
@@ -431,20 +428,18 @@ struct RowPlace {
 // Most numbers that blocks of a grid sum up at once.
 constexpr int GRID_NUMBERS = 4;
 
-// Bytes that a block of the step's kernel shares; those that each of its teams adds; and those that a team adds which keeps its one brick while it descends.
+// Bytes that a block of the step's kernel shares, and those that each of its teams adds.
 template <class R>
 constexpr size_t EFG_BLOCK_BYTES = GRID_NUMBERS * 33 * 8 + 96 * sizeof(R);
 template <class R>
-constexpr size_t EFG_TEAM_BYTES = 4140 * sizeof(R);
-template <class R>
-constexpr size_t EFG_KEPT_BYTES = (5409 * sizeof(R) + 225 + 15) / 16 * 16;
+constexpr size_t EFG_TEAM_BYTES = 3780 * sizeof(R);
 
 // The meshless state and its system, A x = b; see src/cpu/efg/system.rs. Arrays whose type is not named are of float or double, `numbers` of which each brick
 // has for each of its nodes: [brick][number][node]. Behind the last brick lies one of zeros, which stands for every brick that is not there.
 struct Efg {
     uint32_t bricks;
-    // Whether this kernel is the step's first; bytes that a block shares, and whether these have room for what teams keep that have one brick each.
-    uint32_t starts, bytes, keeps;
+    // Whether this kernel is the step's first.
+    uint32_t starts;
     // How many cells have rows of their own.
     uint32_t row_count;
     double cell;
@@ -465,18 +460,16 @@ struct Efg {
     void *u, *v, *x, *b;
     // Residual, that preconditioned, direction, A times these two, and A times x.
     void *r, *z, *p, *w, *s, *ax;
-    // Two sets of numbers of each carrier; and how much all points together put on it.
-    void* touched;  // [2][MAX_CARRIERS][TOUCHED]
+    // What contact adds to A times a vector, three numbers for each carrier; and how much all points together put on it.
+    void* touched;
     void* shares;
     void* press;  // [PRESS_FIELDS][MAX_POINTS]
-    // Which of those with points a carrier is.
-    uint32_t* followed_at;  // [MAX_CARRIERS]
     // At how many meetings blocks have been in all steps before, and how often they have arrived, all together; sums of blocks, in turn; and the largest strains that they saw.
     uint32_t *meetings, *arrived;
     double* partials;
     float4* seen;
-    // Whether contact answered as it was asked; and whether it follows what it is asked.
-    uint32_t *is_settled, *follows;
+    // Whether contact answered as it was asked.
+    uint32_t* is_settled;
     // Bricks with nodes that carry listed sites.
     const uint32_t* near_tools;
     // When the step began, by the device's clock.

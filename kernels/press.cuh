@@ -3,8 +3,6 @@
 // It finds the points that tools may meet while the others build the system, and then has its own part of A: what contact adds to A times a vector it gathers
 // on the nodes that carry points, for the others to add.
 #pragma once
-#include <type_traits>
-
 #include "block.cuh"
 #include "contact.cuh"
 #include "efg.cuh"
@@ -39,41 +37,6 @@ __device__ __forceinline__ R group_sum(R x) {
     return x;
 }
 
-// How a point answers.
-template <class R>
-struct PointLaw {
-    V3<R> normal;
-    R stiffness, grip;
-};
-
-// Following a field on carriers, by what these are in the list of those with points: its vectors, how they change and what contact adds to that, the blocks that precondition
-// that, slots, names and flags; rows of active sites by these numbers; and loads of carriers on active sites. And how points answer, and what they do.
-template <class R>
-struct Followed {
-    unsigned char* at;
-    uint32_t bytes;
-    V3<R> *z, *q, *more;
-    Block<R>* inverse;
-    PointLaw<R>* laws;
-    V3<R>* answers;
-    R *row_weights, *load_weights;
-    uint32_t *slots, *names, *flags, *load_starts, *row_places, *load_sites;
-
-    // Divides the memory; whether there is enough.
-    __device__ bool divide(uint32_t carriers, uint32_t active, uint32_t points, uint32_t entries) {
-        unsigned char* const end = at + bytes;
-        unsigned char* next = at;
-        const auto take = [&](auto*& array, uint32_t count) {
-            array = reinterpret_cast<std::remove_reference_t<decltype(array)>>(next);
-            next += size_t(count) * sizeof(*array);
-        };
-        take(z, carriers), take(q, carriers), take(more, carriers), take(inverse, carriers);
-        take(laws, points), take(answers, active), take(row_weights, entries), take(load_weights, entries);
-        take(slots, carriers), take(names, carriers), take(flags, carriers), take(load_starts, carriers + 1), take(row_places, entries), take(load_sites, entries);
-        return next <= end;
-    }
-};
-
 template <class R>
 struct Press {
     const Efg& e;
@@ -84,10 +47,7 @@ struct Press {
     // Active sites, and points.
     uint32_t active = 0, count = 0;
 
-    // What follows a field, in memory that the block's threads share besides.
-    Followed<R> near;
-
-    __device__ Press(const Efg& e, const Contact& c, PressShared& s, unsigned char* room, uint32_t bytes) : e(e), c(c), s(s), step(*e.step), near{room, bytes} {}
+    __device__ Press(const Efg& e, const Contact& c, PressShared& s) : e(e), c(c), s(s), step(*e.step) {}
 
     __device__ R& field(int f, uint32_t k) const { return static_cast<R*>(e.press)[size_t(f) * MAX_POINTS + k]; }
     __device__ float4& point(int f, uint32_t k) const { return c.points[f * MAX_POINTS + k]; }
@@ -224,7 +184,7 @@ struct Press {
         const uint32_t round = c.counts[ROUND];
         R* const shares = static_cast<R*>(e.shares);
         R* const touched = static_cast<R*>(e.touched);
-        for (uint32_t i = thread; i < TOUCHED * c.counts[CARRIERS]; i += threads) touched[i] = touched[TOUCHED * MAX_CARRIERS + i] = R(0);
+        for (uint32_t i = thread; i < 3 * c.counts[CARRIERS]; i += threads) touched[i] = R(0);
         // Each carrier once: who comes first claims it, and nothing hangs on who that is.
 #pragma unroll 1
         for (uint32_t job = thread; job < active * row(); job += threads) {
@@ -316,162 +276,55 @@ struct Press {
         }
     }
 
-    __device__ PointLaw<R> law(uint32_t k) const {
-        if (field(IS_PUSHED, k) == R(0)) return {normal(k), R(0), R(0)};
-        return {normal(k), field(STIFFNESS, k), field(GRIP, k)};
-    }
-
-    // Lists what following takes, once all points are known. Whether there is room for it.
-    __device__ bool prepare_to_follow() {
-        const uint32_t thread = threadIdx.x, carriers = s.moved, entries = active * row();
-        if (!near.divide(carriers, active, count, entries)) return false;
-        if (thread == 0) near.load_starts[0] = 0;
-        uint32_t before = 0;
-        for (uint32_t first = 0; first < carriers; first += threads) {
-            const uint32_t n = first + thread;
-            const uint2 known = n < carriers ? c.moved[n] : make_uint2(0, 0);
-            uint32_t total;
-            const uint32_t start = before + scan<MOST_THREADS / 32>(known.y, total, threads / 32);
-            before += total;
-            if (n >= carriers) continue;
-            const Carrier carrier = c.carriers[known.x];
-            near.slots[n] = carrier.slot;
-            near.names[n] = known.x;
-            near.flags[n] = e.flags[carrier.slot];
-            near.inverse[n] = block_of<R>(e.inverse, carrier.slot);
-            near.load_starts[n + 1] = start + known.y;
-            e.followed_at[known.x] = n;
-        }
-        __syncthreads();
-        const uint32_t lane = thread % LANES, group = thread / LANES;
-        for (uint32_t n = group; n < carriers; n += threads / LANES) {
-            const uint32_t from = c.carriers[near.names[n]].start, start = near.load_starts[n];
-            for (uint32_t i = lane; i < near.load_starts[n + 1] - start; i += LANES) {
-                const Load load = c.active_loads[from + i];
-                near.load_sites[start + i] = load.site;
-                near.load_weights[start + i] = R(load.weight);
-            }
-        }
-        for (uint32_t job = thread; job < entries; job += threads) {
-            const uint32_t at = job % row() * MAX_SITES + s.sites.site[job / row()], on = c.site_carriers[at].name;
-            near.row_places[job] = on == ~0u ? 0 : e.followed_at[on];
-            near.row_weights[job] = on == ~0u ? R(0) : R(c.site_weights[at]);
-        }
-        return true;
-    }
-
-    // Begins to follow a field, points answering as they do now.
-    __device__ void follow(const void* z) const {
-        for (uint32_t n = threadIdx.x; n < s.moved; n += threads) near.z[n] = vector_of<R>(z, near.slots[n]);
-        for (uint32_t k = threadIdx.x; k < count; k += threads) near.laws[k] = law(k);
-        __syncthreads();
-    }
-
-    // Follows it in an iteration whose answer is `m` without what contact adds to it; see kept.cuh.
-    __device__ void follow(const void* m, R alpha, R beta, bool is_first) const {
-        for (uint32_t n = threadIdx.x; n < s.moved; n += threads) {
-            V3<R> q = plus(vector_of<R>(m, near.slots[n]), near.more[n], R(1));
-            if (!is_first) q = plus(q, near.q[n], beta);
-            near.q[n] = q;
-            near.z[n] = plus(near.z[n], q, -alpha);
-        }
-        __syncthreads();
-    }
-
-    // What contact keeps of a carrier for others, of two sets.
-    __device__ R* touched_on(uint32_t carrier, uint32_t turn) const { return static_cast<R*>(e.touched) + TOUCHED * (turn * MAX_CARRIERS + carrier); }
-
-    // A field that lies where all find it: what one row of an active site has of it, and what is done with what follows.
-    struct Anywhere {
-        const Press& p;
-        const void* field;
-
-        __device__ V3<R> part(uint32_t a, uint32_t i) const {
-            const uint32_t at = i * MAX_SITES + p.s.sites.site[a];
-            return plus(V3<R>{0, 0, 0}, vector_of<R>(field, p.c.site_slots[at]), R(p.c.site_weights[at]));
-        }
-        __device__ PointLaw<R> law(uint32_t k) const { return p.law(k); }
-        __device__ void keep(uint32_t a, const V3<R>& moving, const V3<R>& answer) const { p.set(MOVING, a, moving), p.set(ANSWER, a, answer); }
-        __device__ uint2 loads(uint32_t n) const {
-            const uint2 known = p.c.moved[n];
-            const uint32_t start = p.c.carriers[known.x].start;
-            return make_uint2(start, start + known.y);
-        }
-        __device__ V3<R> loaded(uint32_t i) const {
-            const Load load = p.c.active_loads[i];
-            return plus(V3<R>{0, 0, 0}, p.vector(ANSWER, load.site), R(load.weight));
-        }
-        __device__ void tell(uint32_t n, const V3<R>& sum) const {
-            R* const touched = p.touched_on(p.c.moved[n].x, 0);
-            touched[0] = sum.x, touched[1] = sum.y, touched[2] = sum.z;
-        }
-    };
-
-    // The field that is followed.
-    struct Here {
-        const Press& p;
-        const uint32_t turn;
-
-        __device__ V3<R> part(uint32_t a, uint32_t i) const {
-            const uint32_t at = a * p.row() + i;
-            return plus(V3<R>{0, 0, 0}, p.near.z[p.near.row_places[at]], p.near.row_weights[at]);
-        }
-        __device__ PointLaw<R> law(uint32_t k) const { return p.near.laws[k]; }
-        __device__ void keep(uint32_t a, const V3<R>&, const V3<R>& answer) const { p.near.answers[a] = answer; }
-        __device__ uint2 loads(uint32_t n) const { return make_uint2(p.near.load_starts[n], p.near.load_starts[n + 1]); }
-        __device__ V3<R> loaded(uint32_t i) const { return plus(V3<R>{0, 0, 0}, p.near.answers[p.near.load_sites[i]], p.near.load_weights[i]); }
-        // And that preconditioned.
-        __device__ void tell(uint32_t n, const V3<R>& sum) const {
-            R* const touched = p.touched_on(p.near.names[n], turn);
-            const V3<R> more = free_part(product(p.near.inverse[n], free_part(sum, p.near.flags[n])), p.near.flags[n]);
-            touched[0] = sum.x, touched[1] = sum.y, touched[2] = sum.z;
-            touched[3] = more.x, touched[4] = more.y, touched[5] = more.z;
-            p.near.more[n] = more;
-        }
-    };
-
     // Gathers on carriers what contact adds to A times a field, less what it adds to b where that is wanted. Gives the thread's part of its product with the field.
-    template <class Field>
-    __device__ double touch_by(const Field& of, bool less_wanted) const {
+    __device__ double touch(const void* of, bool less_wanted) const {
         const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
         double work = 0.0;
         // Groups of a warp stay together.
 #pragma unroll 1
         for (uint32_t first = 0; first < active; first += threads / LANES) {
-            const uint32_t a = min(first + group, active - 1);
+            const uint32_t a = min(first + group, active - 1), site = s.sites.site[a];
             V3<R> moving{0, 0, 0};
-            for (uint32_t i = lane; i < row(); i += LANES) moving = plus(moving, of.part(a, i), R(1));
+            for (uint32_t i = lane; i < row(); i += LANES) {
+                const uint32_t at = i * MAX_SITES + site;
+                moving = plus(moving, vector_of<R>(of, c.site_slots[at]), R(c.site_weights[at]));
+            }
             moving = {group_sum(moving.x), group_sum(moving.y), group_sum(moving.z)};
             if (lane > 0 || first + group >= active) continue;
             V3<R> answer{0, 0, 0};
             for (uint32_t k = s.sites.first[a]; k < s.sites.first[a + 1]; ++k) {
-                const PointLaw<R> by = of.law(k);
-                if (by.stiffness == R(0)) continue;
-                R push = dot(moving, by.normal);
-                V3<R> slip = across(moving, by.normal);
+                if (field(IS_PUSHED, k) == R(0)) continue;
+                const V3<R> n = normal(k);
+                R push = dot(moving, n);
+                V3<R> slip = across(moving, n);
                 if (less_wanted) {
                     push -= field(WANTED, k);
-                    slip = plus(slip, across(tool_velocity(k), by.normal), R(-1));
+                    slip = plus(slip, across(tool_velocity(k), n), R(-1));
                 }
-                answer = plus(plus(answer, by.normal, by.stiffness * push), slip, by.grip);
+                answer = plus(plus(answer, n, field(STIFFNESS, k) * push), slip, field(GRIP, k));
             }
             work += double(dot(moving, answer));
-            of.keep(a, moving, answer);
+            set(MOVING, a, moving);
+            set(ANSWER, a, answer);
         }
         __syncthreads();
+        R* const touched = static_cast<R*>(e.touched);
 #pragma unroll 1
         for (uint32_t first = 0; first < s.moved; first += threads / LANES) {
-            const uint32_t n = min(first + group, s.moved - 1);
-            const uint2 loads = of.loads(n);
+            const uint2 known = c.moved[min(first + group, s.moved - 1)];
+            const uint32_t start = c.carriers[known.x].start;
             V3<R> sum{0, 0, 0};
-            for (uint32_t i = loads.x + lane; i < loads.y; i += LANES) sum = plus(sum, of.loaded(i), R(1));
+            for (uint32_t i = start + lane; i < start + known.y; i += LANES) {
+                const Load load = c.active_loads[i];
+                sum = plus(sum, vector(ANSWER, load.site), R(load.weight));
+            }
             sum = {group_sum(sum.x), group_sum(sum.y), group_sum(sum.z)};
-            if (lane == 0 && first + group < s.moved) of.tell(n, sum);
+            if (lane > 0 || first + group >= s.moved) continue;
+            R* const on = touched + 3 * known.x;
+            on[0] = sum.x, on[1] = sum.y, on[2] = sum.z;
         }
         return work;
     }
-    __device__ double touch(const void* field, bool less_wanted) const { return touch_by(Anywhere{*this, field}, less_wanted); }
-    __device__ double touch_followed(uint32_t turn) const { return touch_by(Here{*this, turn}, false); }
 
     // Reads impulses from how sites move in a solution, and the laws that it asks for. Whether it was found with those.
     __device__ bool judge(double* scratch) const {

@@ -18,7 +18,7 @@ namespace efg_kernel {
 // Steps of Newton's method for a rotation in each step of time.
 constexpr int TURNS = 3;
 
-// Four numbers, read at once: a component of a cell's answer, or a node's vector.
+// A component of a cell's answer, read at once.
 template <class R>
 struct alignas(16) Row {
     R x, y, z, mean;
@@ -28,7 +28,7 @@ struct alignas(16) Row {
 template <class R>
 struct Team {
     Row<R> answers[3][CELLS];
-    Row<R> tile[TILE];
+    R tile[3][TILE];
 };
 
 // What a block shares, before what its teams or contact do.
@@ -75,14 +75,12 @@ struct Worker {
     __device__ __forceinline__ void put(void* field, uint32_t brick, const V3<R>& v) const { set_vector(field, slot(brick), v); }
     __device__ __forceinline__ uint32_t slot(uint32_t brick) const { return brick * BRICK_NODES + node; }
 
-    __device__ __forceinline__ uint32_t first_brick() const { return team * workers + blockIdx.x; }
-
     // The bricks of this thread's team.
     template <class Visit>
     __device__ __forceinline__ void for_each_brick(Visit visit) const {
         if (!is_worker) return;
 #pragma unroll 1
-        for (uint32_t brick = first_brick(); brick < e.bricks; brick += teams * workers) visit(brick);
+        for (uint32_t brick = team * workers + blockIdx.x; brick < e.bricks; brick += teams * workers) visit(brick);
     }
 
     // The 27 bricks around one, in the lanes of every warp.
@@ -97,7 +95,7 @@ struct Worker {
     __device__ __forceinline__ V3<R> stage(const void* field, uint32_t brick, uint32_t around) const {
         const V3<R> own = get(field, brick);
         const int at = own_at();
-        t.tile[at] = {own.x, own.y, own.z, R(0)};
+        t.tile[0][at] = own.x, t.tile[1][at] = own.y, t.tile[2][at] = own.z;
         const R* const all = static_cast<const R*>(field);
 #pragma unroll
         for (int round = 0; round < HALO_ROUNDS; ++round) {
@@ -106,7 +104,7 @@ struct Worker {
             const uint32_t from = __shfl_sync(~0u, around, entry >> 9 & 31);
             if (i >= HALO) continue;
             const R* const there = all + size_t(from) * (VECTOR * BRICK_NODES) + (entry >> 14);
-            t.tile[entry & 511] = {there[0], there[BRICK_NODES], there[2 * BRICK_NODES], R(0)};
+            for (int c = 0; c < 3; ++c) t.tile[c][entry & 511] = there[c * BRICK_NODES];
         }
         return own;
     }
@@ -115,9 +113,9 @@ struct Worker {
     __device__ __forceinline__ Gradient<R> see(int low) const {
         R u[3][8];
 #pragma unroll
-        for (int i = 0; i < 8; ++i) {
-            const Row<R> at = t.tile[low + tile_at(i & 1, i >> 1 & 1, i >> 2)];
-            u[0][i] = at.x, u[1][i] = at.y, u[2][i] = at.z;
+        for (int c = 0; c < 3; ++c) {
+#pragma unroll
+            for (int i = 0; i < 8; ++i) u[c][i] = t.tile[c][low + tile_at(i & 1, i >> 1 & 1, i >> 2)];
         }
         return gradient(u, inverse_4h);
     }
@@ -130,37 +128,35 @@ struct Worker {
         return a;
     }
 
-    // One of the cells that touch a brick, or one behind the last.
-    struct Cell {
-        int number, low;
-        // Which of the 27 bricks it begins in, for those before the brick begin in another one, and where there.
-        int brick;
-        uint32_t there;
-        __device__ __forceinline__ bool is_there() const { return number < CELLS; }
-    };
-    __device__ __forceinline__ Cell cell_of(int round) const {
-        const int number = node + round * BRICK_NODES;
-        const int x = number % CELLS_X, y = number / CELLS_X % CELLS_Y, z = number / (CELLS_X * CELLS_Y);
-        return {number, tile_at(x, y, z), (x > 0 ? 1 : 0) + (y > 0 ? 3 : 0) + (z > 0 ? 9 : 0),
-                uint32_t(((z + BRICK_Z - 1) % BRICK_Z * BRICK_Y + (y + BRICK_Y - 1) % BRICK_Y) * BRICK_X + (x + BRICK_X - 1) % BRICK_X)};
-    }
-
-    // What a cell gives to its corners, by its moduli and stress(gradient, frame, moduli); nothing where it is empty.
+    // Has all cells answer that touch a brick, around which `field` is staged, and gives the sum on this thread's node.
     template <class Stress>
-    __device__ __forceinline__ void answer(const Cell& cell, uint32_t material, const Matrix<R>& a, const Moduli<R>* moduli, Stress stress) const {
-        if (!cell.is_there()) return;
-        Answer<R> given{};
-        if (material) {
-            const Moduli<R> by = moduli[material];
-            const Gradient<R> seen = see(cell.low);
-            given = cell_answer(seen, stress(seen.g, a, by), by.hourglass, h);
-        }
+    __device__ __forceinline__ V3<R> gather(const void* field, uint32_t brick, uint32_t around, const Moduli<R>* moduli, Stress stress) const {
+#pragma unroll 1
+        for (int round = 0; round < CELL_ROUNDS; ++round) {
+            const int cell = node + round * BRICK_NODES;
+            const int x = cell % CELLS_X, y = cell / CELLS_X % CELLS_Y, z = cell / (CELLS_X * CELLS_Y);
+            // Cells before the brick begin in another one.
+            const uint32_t from = __shfl_sync(~0u, around, (x > 0 ? 1 : 0) + (y > 0 ? 3 : 0) + (z > 0 ? 9 : 0));
+            const uint32_t there = ((z + BRICK_Z - 1) % BRICK_Z * BRICK_Y + (y + BRICK_Y - 1) % BRICK_Y) * BRICK_X + (x + BRICK_X - 1) % BRICK_X;
+            // What is known of the cell comes while the tile does.
+            uint32_t material = 0;
+            Matrix<R> a;
+            if (cell < CELLS) {
+                material = e.cells[from * BRICK_NODES + there];
+                a = frame(from, there);
+            }
+            if (round == 0) meet_team(team);
+            Answer<R> given{};
+            if (material) {
+                const Moduli<R> by = moduli[material];
+                const Gradient<R> seen = see(tile_at(x, y, z));
+                given = cell_answer(seen, stress(seen.g, a, by), by.hourglass, h);
+            }
+            if (cell >= CELLS) continue;
 #pragma unroll
-        for (int c = 0; c < 3; ++c) t.answers[c][cell.number] = {given.q.m[c][0], given.q.m[c][1], given.q.m[c][2], given.mean[c]};
-    }
-
-    // The sum of the answers that this thread's node receives.
-    __device__ __forceinline__ V3<R> received() const {
+            for (int c = 0; c < 3; ++c) t.answers[c][cell] = {given.q.m[c][0], given.q.m[c][1], given.q.m[c][2], given.mean[c]};
+        }
+        meet_team(team);
         const int first = (node / (BRICK_X * BRICK_Y) * CELLS_Y + node / BRICK_X % BRICK_Y) * CELLS_X + node % BRICK_X;
         V3<R> sum{0, 0, 0};
 #pragma unroll
@@ -173,28 +169,6 @@ struct Worker {
             };
             sum.x += along(0), sum.y += along(1), sum.z += along(2);
         }
-        return sum;
-    }
-
-    // Has all cells answer that touch a brick, around which `field` is staged, and gives the sum on this thread's node.
-    template <class Stress>
-    __device__ __forceinline__ V3<R> gather(const void* field, uint32_t brick, uint32_t around, const Moduli<R>* moduli, Stress stress) const {
-#pragma unroll 1
-        for (int round = 0; round < CELL_ROUNDS; ++round) {
-            const Cell cell = cell_of(round);
-            const uint32_t from = __shfl_sync(~0u, around, cell.brick);
-            // What is known of the cell comes while the tile does.
-            uint32_t material = 0;
-            Matrix<R> a;
-            if (cell.is_there()) {
-                material = e.cells[from * BRICK_NODES + cell.there];
-                a = frame(from, cell.there);
-            }
-            if (round == 0) meet_team(team);
-            answer(cell, material, a, moduli, stress);
-        }
-        meet_team(team);
-        const V3<R> sum = received();
         return e.row_count ? plus(sum, force_of_rows(e, slot(brick), field, moduli, stress), R(1)) : sum;
     }
 
@@ -369,20 +343,19 @@ struct Worker {
         });
     }
 
-    // Which carrier the node in a slot is, if it is one; and what contact keeps of that, of two sets.
+    // Which carrier the node in a slot is, if it is one; and what contact adds on that to A times a vector.
     __device__ __forceinline__ uint32_t carrier_of(const Contact& c, bool has_contact, uint32_t slot) const {
         return has_contact && e.near_tools[slot / BRICK_NODES] ? c.carrier_at[slot] : ~0u;
     }
-    __device__ __forceinline__ const R* touched_on(uint32_t carrier, uint32_t turn) const {
-        return static_cast<const R*>(e.touched) + TOUCHED * (turn * MAX_CARRIERS + carrier);
+    __device__ __forceinline__ V3<R> touched_on(uint32_t carrier) const {
+        const R* const at = static_cast<const R*>(e.touched) + 3 * carrier;
+        return {at[0], at[1], at[2]};
     }
 
-    // What contact adds to A times a vector at this thread's node.
+    // And at this thread's node.
     __device__ __forceinline__ V3<R> touched(const Contact& c, bool has_contact, uint32_t brick) const {
         const uint32_t carrier = carrier_of(c, has_contact, slot(brick));
-        if (carrier == ~0u) return {0, 0, 0};
-        const R* const at = touched_on(carrier, 0);
-        return {at[0], at[1], at[2]};
+        return carrier == ~0u ? V3<R>{0, 0, 0} : touched_on(carrier);
     }
 
     __device__ __forceinline__ V3<R> precondition(const V3<R>& r, uint32_t brick) const {

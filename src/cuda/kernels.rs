@@ -12,7 +12,7 @@ use cudarc::driver::sys::{
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
-use super::layout::{CONTACT_SHARED_BYTES, efg_block_bytes, efg_kept_bytes, efg_team_bytes};
+use super::layout::{CONTACT_SHARED_BYTES, efg_block_bytes, efg_team_bytes};
 use crate::error::{Error, Result};
 use crate::model::lattice::BRICK_SLOTS;
 
@@ -177,12 +177,9 @@ pub struct EfgKernels {
     pub surfaces: SurfaceKernels,
     /// One implicit step.
     pub step: Kernel,
-    /// Its blocks, their threads, and the bytes that these share.
+    /// Its blocks and their threads.
     pub blocks: u32,
     pub threads: u32,
-    pub bytes: u32,
-    /// Whether teams keep the only brick that they have.
-    pub keeps: bool,
     _module: Module,
 }
 
@@ -278,47 +275,39 @@ pub struct Precision {
 }
 
 /// Single and double.
-pub const SINGLE: Precision = Precision { number_bytes: 4, kernel: c"efg_single", teams: [3, 6] };
+pub const SINGLE: Precision = Precision { number_bytes: 4, kernel: c"efg_single", teams: [4, 6] };
 pub const DOUBLE: Precision = Precision { number_bytes: 8, kernel: c"efg_double", teams: [2, 4] };
 
+impl Precision {
+    /// Bytes that a block of so many teams is given to share.
+    const fn shared_bytes(self, teams: u32) -> u32 {
+        (efg_block_bytes(self.number_bytes) + teams as usize * efg_team_bytes(self.number_bytes)) as u32
+    }
+}
+
 impl EfgKernels {
-    /// Loads the kernels for a model of so many bricks; `may_keep` says whether teams may keep the only brick that they have, where there is memory for that.
-    pub fn load(device: &Arc<Device>, precision: Precision, bricks: u32, may_keep: bool) -> Result<Self> {
-        Self::load_as(device.driver.version()?, device, precision, bricks, may_keep)
+    /// Loads the kernels for a model of so many bricks.
+    pub fn load(device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
+        Self::load_as(device.driver.version()?, device, precision, bricks)
     }
 
     /// Loads what a driver of a CUDA version takes.
-    fn load_as(
-        version: i32,
-        device: &Arc<Device>,
-        precision: Precision,
-        bricks: u32,
-        may_keep: bool,
-    ) -> Result<Self> {
+    fn load_as(version: i32, device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
         let [processors, most_bytes] = device.processors()?;
-        // One beside those that work on bricks.
-        let blocks = processors.min(bricks + 1).max(2);
-        let number = precision.number_bytes;
-        let bytes = |teams: u32, of_team: usize| (efg_block_bytes(number) + teams as usize * of_team) as u32;
         let [fewest, most] = precision.teams;
         // As many as there is memory for.
-        let fitting = |of_team: usize| {
-            (fewest..=most).rev().find(|&teams| bytes(teams, of_team) + RESERVED_BYTES <= most_bytes)
-        };
-        let (working, keeping) = (efg_team_bytes(number), efg_team_bytes(number) + efg_kept_bytes(number));
-        let kept = fitting(keeping).filter(|teams| may_keep && bricks <= teams * (blocks - 1));
-        let teams = kept.or_else(|| fitting(working)).ok_or_else(|| {
-            Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
-        })?;
-        let keeps = kept.is_some();
-        let bytes = bytes(teams, if keeps { keeping } else { working });
+        let teams = (fewest..=most)
+            .rev()
+            .find(|&teams| precision.shared_bytes(teams) + RESERVED_BYTES <= most_bytes)
+            .ok_or_else(|| {
+                Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
+            })?;
         let module = Module::load(device, &EFG.of_version(version))?;
         Ok(Self {
-            step: module.function_together(precision.kernel, bytes)?,
-            blocks,
+            step: module.function_together(precision.kernel, precision.shared_bytes(teams))?,
+            // One beside those that work on bricks.
+            blocks: processors.min(bricks + 1).max(2),
             threads: teams * BRICK_SLOTS as u32,
-            bytes,
-            keeps,
             surfaces: SurfaceKernels::load(version, device)?,
             _module: module,
         })
@@ -454,6 +443,13 @@ mod tests {
         let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact").unwrap();
         assert!(*declared > 0, "it is found");
         assert!(*declared + CONTACT_SHARED_BYTES <= MOST_SHARED, "contact declares {declared} bytes");
+        for precision in [SINGLE, DOUBLE] {
+            let given = precision.shared_bytes(precision.teams[0]);
+            assert!(given + RESERVED_BYTES <= MOST_SHARED, "{:?} is given {given} bytes", precision.kernel);
+        }
+        for (kernel, declared) in kernels.iter().filter(|(kernel, _)| kernel.starts_with("efg_")) {
+            assert!(*declared <= RESERVED_BYTES, "{kernel} declares {declared} bytes");
+        }
     }
 
     #[test]
@@ -470,7 +466,7 @@ mod tests {
                 Kernels::load_as(version, &device, volumetric, damped).unwrap();
             }
             for precision in [SINGLE, DOUBLE] {
-                EfgKernels::load_as(version, &device, precision, 1, true).unwrap();
+                EfgKernels::load_as(version, &device, precision, 1).unwrap();
             }
         }
     }

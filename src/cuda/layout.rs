@@ -563,20 +563,12 @@ pub const PRESS_FIELDS: usize = 12;
 /// Most numbers that blocks sum up at once.
 pub const GRID_NUMBERS: usize = 4;
 
-/// Most nodes that carry sites, and how many numbers contact keeps of each.
-pub const MAX_CARRIERS: usize = MAX_ROW * MAX_SITES;
-pub const TOUCHED: usize = 6;
-
-/// Bytes that a block of the step's kernel shares, by those of a number; those that each of its teams adds; and those that a team adds which keeps its one brick while it
-/// descends.
+/// Bytes that a block of the step's kernel shares, by those of a number, and those that each of its teams adds.
 pub const fn efg_block_bytes(number: usize) -> usize {
     GRID_NUMBERS * 33 * 8 + 96 * number
 }
 pub const fn efg_team_bytes(number: usize) -> usize {
-    4140 * number
-}
-pub const fn efg_kept_bytes(number: usize) -> usize {
-    (5409 * number + 225).next_multiple_of(16)
+    3780 * number
 }
 
 /// The meshless state and its system.
@@ -585,8 +577,6 @@ pub const fn efg_kept_bytes(number: usize) -> usize {
 pub struct Efg {
     pub bricks: u32,
     pub starts: u32,
-    pub bytes: u32,
-    pub keeps: u32,
     pub row_count: u32,
     pub cell: f64,
     pub step: CUdeviceptr,
@@ -613,13 +603,11 @@ pub struct Efg {
     pub touched: CUdeviceptr,
     pub shares: CUdeviceptr,
     pub press: CUdeviceptr,
-    pub followed_at: CUdeviceptr,
     pub meetings: CUdeviceptr,
     pub arrived: CUdeviceptr,
     pub partials: CUdeviceptr,
     pub seen: CUdeviceptr,
     pub is_settled: CUdeviceptr,
-    pub follows: CUdeviceptr,
     pub near_tools: CUdeviceptr,
     pub started: CUdeviceptr,
     pub row_cells: CUdeviceptr,

@@ -35,10 +35,6 @@ use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
 use crate::trace;
 
-/// Whether teams that have one brick keep what an iteration needs. Not as yet: in single precision z drifts from M⁻¹ r there, and solutions of hundreds of iterations diverge; see
-/// docs/efg.md.
-const KEEPS: bool = false;
-
 /// A simulation's state on a GPU.
 #[derive(Debug)]
 pub struct CudaEfgSolver<R: Number> {
@@ -91,7 +87,7 @@ impl<R: Number> CudaEfgSolver<R> {
             Rows::Irregular => RowTable::default(),
             Rows::All => RowTable::of_all(lattice)?,
         };
-        let kernels = EfgKernels::load(&stream.device, R::PRECISION, bricks as u32, KEEPS)?;
+        let kernels = EfgKernels::load(&stream.device, R::PRECISION, bricks as u32)?;
         let mut solver = Self {
             state: State::new(model, &body, rows, kernels.blocks, &stream)?,
             step: Pinned::new(&stream)?,
@@ -188,7 +184,7 @@ impl<R: Number> CudaEfgSolver<R> {
             );
             device.driver.check(status, "sending a step")?;
             self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, 1)?;
-            let mut efg = self.state.on_device(&self.kernels, &pass, self.report.device_at());
+            let mut efg = self.state.on_device(&pass, self.report.device_at());
             let mut contact = self.contact.on_device(contact);
             let outside::Plan { mut push, mut drive, mut hold, .. } = outside;
             let arguments = &mut [

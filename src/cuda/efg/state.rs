@@ -7,9 +7,8 @@ use cudarc::driver::sys::CUdeviceptr;
 use super::Number;
 use super::rows::Rows;
 use crate::cuda::body::Body;
-use crate::cuda::kernels::EfgKernels;
-use crate::cuda::layout::{self, EfgLaw, EfgStep, GRID_NUMBERS, Law, MAX_CARRIERS, MAX_POINTS};
-use crate::cuda::layout::{PRESS_FIELDS, Pass, TOUCHED, numbers, share};
+use crate::cuda::layout::{self, EfgLaw, EfgStep, GRID_NUMBERS, Law, MAX_POINTS, MAX_ROW, MAX_SITES};
+use crate::cuda::layout::{PRESS_FIELDS, Pass, numbers, share};
 use crate::cuda::memory::{Buffer, Stream};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -45,13 +44,11 @@ pub struct State<R> {
     touched: Buffer<R>,
     shares: Buffer<R>,
     press: Buffer<R>,
-    followed_at: Buffer<u32>,
     meetings: Buffer<u32>,
     arrived: Buffer<u32>,
     partials: Buffer<f64>,
     seen: Buffer<[f32; 4]>,
     is_settled: Buffer<u32>,
-    follows: Buffer<u32>,
     rows: Rows<R>,
     started: Buffer<u64>,
 }
@@ -81,6 +78,7 @@ impl<R: Number> State<R> {
         let (cells, shown): (Vec<u8>, Vec<[f32; 4]>) = words
             .map(|word| (if are_own { (word >> 28) as u8 } else { 0 }, shown(Vec3::zeros(), word)))
             .unzip();
+        let carriers = MAX_ROW * MAX_SITES;
         let [x, b, r, z] = [(); 4].map(|()| fields(numbers::VECTOR));
         let [p, w, s, ax] = [(); 4].map(|()| fields(numbers::VECTOR));
         let state = Self {
@@ -101,16 +99,14 @@ impl<R: Number> State<R> {
             u: fields(numbers::VECTOR)?,
             v: fields(numbers::VECTOR)?,
             system: [x?, b?, r?, z?, p?, w?, s?, ax?],
-            touched: Buffer::zeros(stream, 2 * TOUCHED * MAX_CARRIERS)?,
-            shares: Buffer::zeros(stream, MAX_CARRIERS)?,
+            touched: Buffer::zeros(stream, 3 * carriers)?,
+            shares: Buffer::zeros(stream, carriers)?,
             press: Buffer::zeros(stream, PRESS_FIELDS * MAX_POINTS)?,
-            followed_at: Buffer::zeros(stream, MAX_CARRIERS)?,
             meetings: Buffer::zeros(stream, 1)?,
             arrived: Buffer::zeros(stream, 1)?,
             partials: Buffer::zeros(stream, 2 * GRID_NUMBERS * blocks as usize)?,
             seen: Buffer::zeros(stream, blocks as usize)?,
             is_settled: Buffer::zeros(stream, 1)?,
-            follows: Buffer::zeros(stream, 1)?,
             rows: Rows::new(rows, lattice, stream)?,
             started: Buffer::zeros(stream, 1)?,
         };
@@ -200,13 +196,11 @@ impl<R: Number> State<R> {
     }
 
     /// What the kernel of a step works on; `pass` is what the kernels before it had.
-    pub fn on_device(&self, kernels: &EfgKernels, pass: &Pass, report: CUdeviceptr) -> layout::Efg {
+    pub fn on_device(&self, pass: &Pass, report: CUdeviceptr) -> layout::Efg {
         let [x, b, r, z, p, w, s, ax] = self.system.each_ref().map(Buffer::at);
         layout::Efg {
             bricks: self.bricks,
             starts: u32::from(pass.started != 0),
-            bytes: kernels.bytes,
-            keeps: kernels.keeps.into(),
             row_count: self.rows.count() as u32,
             cell: self.cell_m,
             step: self.step.at(),
@@ -233,13 +227,11 @@ impl<R: Number> State<R> {
             touched: self.touched.at(),
             shares: self.shares.at(),
             press: self.press.at(),
-            followed_at: self.followed_at.at(),
             meetings: self.meetings.at(),
             arrived: self.arrived.at(),
             partials: self.partials.at(),
             seen: self.seen.at(),
             is_settled: self.is_settled.at(),
-            follows: self.follows.at(),
             near_tools: pass.near_tools,
             started: self.started.at(),
             row_cells: self.rows.cells.at(),

@@ -70,9 +70,9 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             is_paper, only_forces, substep, step
         }
         Efg {
-            bricks, starts, bytes, keeps, row_count, cell, step, laws, neighbours, flags, cells, shown, mass,
+            bricks, starts, row_count, cell, step, laws, neighbours, flags, cells, shown, mass,
             heavy, inverse, rotations, frames, u, v, x, b, r, z, p, w, s, ax, touched, shares, press,
-            followed_at, meetings, arrived, partials, seen, is_settled, follows, near_tools, started, row_cells,
+            meetings, arrived, partials, seen, is_settled, near_tools, started, row_cells,
             row_entries, row_starts, row_places, row_rotations, row_frames, report
         }
     };
@@ -106,8 +106,6 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("FRAME", numbers::FRAME),
         ("PRESS_FIELDS", PRESS_FIELDS),
         ("GRID_NUMBERS", GRID_NUMBERS),
-        ("MAX_CARRIERS", MAX_CARRIERS),
-        ("TOUCHED", TOUCHED),
         ("ROW", ROW),
         ("sizeof(RowCell<float>)", size_of::<rows::Cell<f32>>()),
         ("sizeof(RowCell<double>)", size_of::<rows::Cell<f64>>()),
@@ -120,8 +118,6 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("sizeof(RowPlace)", size_of::<rows::Place>()),
         ("EFG_BLOCK_BYTES<float>", efg_block_bytes(4)),
         ("EFG_TEAM_BYTES<double>", efg_team_bytes(8)),
-        ("EFG_KEPT_BYTES<float>", efg_kept_bytes(4)),
-        ("EFG_KEPT_BYTES<double>", efg_kept_bytes(8)),
     ];
 
     let header = twins::header("layout.cuh");

@@ -37,6 +37,18 @@ struct Run {
     bool has_contact = false;
     double noise = 0.0;
 
+    // Adds to A times a field what rows make of it. Gives this thread's part of the product of that with the field.
+    __device__ double add_rows(const void* of, void* to) const {
+        double work = 0.0;
+        if (w.e.row_count == 0) return work;
+        w.for_each_brick([&](uint32_t brick) {
+            const V3<R> more = w.product_of_rows(of, brick);
+            w.put(to, brick, plus(w.get(to, brick), more, R(1)));
+            work += double(dot(w.get(of, brick), more));
+        });
+        return work;
+    }
+
     // The residual of x, and that preconditioned; r·r and r·z of this thread's nodes. A x is known, or is found.
     __device__ void renew(bool is_known, Sums& sums) const {
         const Efg& e = w.e;
@@ -45,6 +57,7 @@ struct Run {
                 V3<R> own;
                 w.put(e.ax, brick, w.product_of(e.x, brick, own));
             });
+            add_rows(e.x, e.ax);
         }
         if (has_contact && !w.is_worker) press.touch(e.x, true);
         meet(w.grid);
@@ -66,6 +79,7 @@ struct Run {
             w.put(w.e.w, brick, az);
             sums.numbers[2] += double(dot(z, az));
         });
+        sums.numbers[2] += add_rows(w.e.z, w.e.w);
         if (has_contact && !w.is_worker) sums.numbers[2] += press.touch(w.e.z, false);
     }
 

@@ -128,9 +128,9 @@ struct Worker {
         return a;
     }
 
-    // Has all cells answer that touch a brick, around which `field` is staged, and gives the sum on this thread's node.
+    // Has all cells answer that touch a brick, around which a field is staged, and gives the sum on this thread's node.
     template <class Stress>
-    __device__ __forceinline__ V3<R> gather(const void* field, uint32_t brick, uint32_t around, const Moduli<R>* moduli, Stress stress) const {
+    __device__ __forceinline__ V3<R> gather(uint32_t around, const Moduli<R>* moduli, Stress stress) const {
 #pragma unroll 1
         for (int round = 0; round < CELL_ROUNDS; ++round) {
             const int cell = node + round * BRICK_NODES;
@@ -169,7 +169,7 @@ struct Worker {
             };
             sum.x += along(0), sum.y += along(1), sum.z += along(2);
         }
-        return e.row_count ? plus(sum, force_of_rows(e, slot(brick), field, moduli, stress), R(1)) : sum;
+        return sum;
     }
 
     // How stress changes in a cell.
@@ -188,13 +188,18 @@ struct Worker {
         }
     };
 
-    // A times a field, without contact, at this thread's node of a brick; and the field itself there.
+    // A times a field, without contact and rows, at this thread's node of a brick; and the field itself there.
     __device__ __forceinline__ V3<R> product_of(const void* field, uint32_t brick, V3<R>& own) const {
         const uint32_t near = around(brick);
         own = stage(field, brick, near);
-        const V3<R> sum = gather(field, brick, near, s.changes, Changes{});
+        const V3<R> sum = gather(near, s.changes, Changes{});
         const R heavy = *of<1>(e.heavy, brick);
         return {heavy * own.x - sum.x, heavy * own.y - sum.y, heavy * own.z - sum.z};
+    }
+
+    // What rows make of that. In a loop of its own, for it asks for many registers.
+    __device__ __forceinline__ V3<R> product_of_rows(const void* field, uint32_t brick) const {
+        return plus(V3<R>{0, 0, 0}, force_of_rows(e, slot(brick), field, s.changes, Changes{}), R(-1));
     }
 
     // Turns a cell's rotation towards how it is deformed, and gives its frame. Sees how it is deformed: largest strain, J − 1 and 1 − J.
@@ -250,7 +255,8 @@ struct Worker {
     __device__ __forceinline__ double build(uint32_t brick) const {
         const uint32_t near = around(brick);
         const V3<R> u = stage(e.u, brick, near), v = get(e.v, brick);
-        V3<R> force = gather(e.u, brick, near, s.forces, Forces{step.elasticity});
+        V3<R> force = gather(near, s.forces, Forces{step.elasticity});
+        if (e.row_count) force = plus(force, force_of_rows(e, slot(brick), e.u, s.forces, Forces{step.elasticity}), R(1));
 
         // What the eight cells around the node make of its own motion.
         const int x = node % BRICK_X, y = node / BRICK_X % BRICK_Y, z = node / (BRICK_X * BRICK_Y);
@@ -282,6 +288,7 @@ struct Worker {
         if (step.is_paper) {
             V3<R> own;
             b = plus(b, product_of(e.v, brick, own), R(1));
+            if (e.row_count) b = plus(b, product_of_rows(e.v, brick), R(1));
         }
         put(e.b, brick, b);
         // What is held stays, unless it is told to move.

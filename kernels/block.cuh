@@ -16,9 +16,9 @@ __device__ __forceinline__ void let_next_start() {
 #endif
 }
 
-// Exclusive sum over a block of `WARPS` warps; `total` is that of all. Every thread calls it.
+// Exclusive sum over a block of `warps` warps, `WARPS` at most; `total` is that of all. Every thread calls it.
 template <int WARPS>
-__device__ uint32_t scan(uint32_t mine, uint32_t& total) {
+__device__ uint32_t scan(uint32_t mine, uint32_t& total, int warps = WARPS) {
     __shared__ uint32_t of_warp[WARPS];
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32;
     uint32_t sum = mine;
@@ -32,7 +32,7 @@ __device__ uint32_t scan(uint32_t mine, uint32_t& total) {
     uint32_t before = 0;
     total = 0;
 #pragma unroll 4
-    for (int w = 0; w < WARPS; ++w) {
+    for (int w = 0; w < warps; ++w) {
         if (w < warp) before += of_warp[w];
         total += of_warp[w];
     }

@@ -15,20 +15,23 @@ use sha2::{Digest, Sha256};
 /// Source files that each become two images.
 const IMAGES: [&str; 8] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report", "efg"];
 /// What they include.
-const HEADERS: [&str; 13] = [
+const HEADERS: [&str; 16] = [
     "block.cuh",
     "clock.cuh",
     "contact.cuh",
     "efg.cuh",
+    "field.cuh",
     "grid.cuh",
     "law.cuh",
     "layout.cuh",
     "outside.cuh",
     "points.cuh",
     "press.cuh",
+    "rows.cuh",
     "tile.cuh",
     "tool.cuh",
     "touched.cuh",
+    "worker.cuh",
 ];
 /// Sources in one folder that are compiled, checked and kept together.
 struct Set {
@@ -40,8 +43,8 @@ struct Set {
     /// The variable that tells the compiler where the images are.
     variable: &'static str,
 }
-/// The library's kernels, and those that the bench compares them with: no library holds these.
-const SETS: [Set; 2] = [
+/// The library's kernels, and those that benches compare them with: no library holds these.
+const SETS: [Set; 3] = [
     Set { folder: "kernels", images: &IMAGES, headers: &HEADERS, has_ptx: true, variable: "PALPATE_KERNELS" },
     Set {
         folder: "benches/lattice",
@@ -49,6 +52,13 @@ const SETS: [Set; 2] = [
         headers: &[],
         has_ptx: false,
         variable: "PALPATE_BASELINE",
+    },
+    Set {
+        folder: "benches/efg",
+        images: &["baseline"],
+        headers: &[],
+        has_ptx: false,
+        variable: "PALPATE_EFG_BASELINE",
     },
 ];
 /// The compiler that made the images in `prebuilt`.

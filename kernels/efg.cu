@@ -1,353 +1,20 @@
 // One implicit step of the meshless model, as one kernel whose blocks are all at work at the same time; see src/cpu/efg/system.rs and conjugate.rs for what
-// it means.
-//
-// A team of 128 threads cares for a brick at a time, a thread for each of its nodes. For a product with A it stages the brick and the one-node halo around it in
-// shared memory, has each cell that touches the brick answer, and gathers the answers on the nodes: every sum has a fixed order. The last block cares for contact,
-// and tells the host.
+// it means, and worker.cuh for how bricks are divided. The last block cares for contact, and tells the host.
 //
 // Conjugate gradients in the form of Chronopoulos and Gear: A times the preconditioned residual gives all that an iteration needs to know at once, so that
 // blocks meet twice in each, and sum up but once. No number leaves the device before the end of the step.
 #include "clock.cuh"
-#include "efg.cuh"
-#include "grid.cuh"
-#include "layout.cuh"
-#include "outside.cuh"
-#include "press.cuh"
-#include "tile.cuh"
 #include "touched.cuh"
+#include "worker.cuh"
 
 namespace efg_kernel {
 
-// Steps of Newton's method for a rotation in each step of time.
-constexpr int TURNS = 3;
 // The recursive residual is brought this much further down than the true one has to be.
 constexpr double AHEAD = 0.7;
 // A new start that leaves more than this share of the residual has met what rounding leaves.
 constexpr double STALLED = 0.9;
 // Most solutions of a step, each with contact as the one before answered.
 constexpr int MAX_SOLUTIONS = 8;
-
-// A component of a cell's answer, read at once.
-template <class R>
-struct alignas(16) Row {
-    R x, y, z, mean;
-};
-
-// What a team shares.
-template <class R>
-struct Team {
-    Row<R> answers[3][CELLS];
-    R tile[3][TILE];
-};
-
-// What a block shares.
-template <class R, int TEAMS>
-struct Shared {
-    union {
-        Team<R> teams[TEAMS];
-        PressShared press;
-    };
-    double scratch[GRID_NUMBERS * 33];
-    Moduli<R> forces[16], changes[16];
-};
-
-// A team's threads meet.
-__device__ __forceinline__ void meet_team(int team) { asm volatile("bar.sync %0, %1;" ::"r"(team + 1), "n"(BRICK_NODES) : "memory"); }
-
-__device__ __forceinline__ float rounding(float) { return 1.1920929e-7f; }
-__device__ __forceinline__ double rounding(double) { return 2.220446049250313e-16; }
-
-// The work of one thread in one step.
-template <class R, int TEAMS>
-struct Worker {
-    const Efg& e;
-    const EfgStep& step;
-    const Push& loads;
-    const Drive& regions;
-    Shared<R, TEAMS>& s;
-    Team<R>& t;
-    Grid grid;
-    // Threads of a team meet by its number. Blocks that work on bricks, and whether this is one.
-    const int team;
-    const uint32_t node, lane, workers;
-    const bool is_worker;
-    const R h, inverse_4h;
-
-    __device__ Worker(const Efg& e, const Push& loads, const Drive& regions, Shared<R, TEAMS>& s)
-        : e(e), step(*e.step), loads(loads), regions(regions), s(s), t(s.teams[threadIdx.x / BRICK_NODES]),
-          grid{&e.step->arrived, 0, e.partials, 0, s.scratch}, team(threadIdx.x / BRICK_NODES), node(threadIdx.x % BRICK_NODES), lane(threadIdx.x & 31),
-          workers(gridDim.x - 1), is_worker(blockIdx.x < workers), h(R(e.cell)), inverse_4h(R(0.25 / e.cell)) {}
-
-    // A brick's part of a field, at this thread's node.
-    template <int NUMBERS>
-    __device__ __forceinline__ R* of(const void* field, uint32_t brick) const {
-        return static_cast<R*>(const_cast<void*>(field)) + size_t(brick) * (NUMBERS * BRICK_NODES) + node;
-    }
-    __device__ __forceinline__ V3<R> get(const void* field, uint32_t brick) const {
-        const R* const at = of<VECTOR>(field, brick);
-        return {at[0], at[BRICK_NODES], at[2 * BRICK_NODES]};
-    }
-    __device__ __forceinline__ void put(void* field, uint32_t brick, const V3<R>& v) const {
-        R* const at = of<VECTOR>(field, brick);
-        at[0] = v.x, at[BRICK_NODES] = v.y, at[2 * BRICK_NODES] = v.z;
-    }
-    __device__ __forceinline__ uint32_t slot(uint32_t brick) const { return brick * BRICK_NODES + node; }
-
-    // The bricks of this thread's team.
-    template <class Visit>
-    __device__ __forceinline__ void for_each_brick(Visit visit) const {
-        if (!is_worker) return;
-#pragma unroll 1
-        for (uint32_t brick = team * workers + blockIdx.x; brick < e.bricks; brick += TEAMS * workers) visit(brick);
-    }
-
-    // The 27 bricks around one, in the lanes of every warp.
-    __device__ __forceinline__ uint32_t around(uint32_t brick) const { return e.neighbours[brick * 27 + (lane < 27 ? lane : 0)]; }
-
-    // Nothing along axes that are held.
-    __device__ __forceinline__ V3<R> free(const V3<R>& v, uint32_t brick) const {
-        const uint32_t flags = e.flags[slot(brick)];
-        return {flags & 1 ? R(0) : v.x, flags & 2 ? R(0) : v.y, flags & 4 ? R(0) : v.z};
-    }
-
-    // Stages a field around a brick, for when the team has met, and gives it at this thread's node.
-    __device__ __forceinline__ V3<R> stage(const void* field, uint32_t brick, uint32_t around) const {
-        const V3<R> own = get(field, brick);
-        const int at = tile_at(1 + node % BRICK_X, 1 + node / BRICK_X % BRICK_Y, 1 + node / (BRICK_X * BRICK_Y));
-        t.tile[0][at] = own.x, t.tile[1][at] = own.y, t.tile[2][at] = own.z;
-        const R* const all = static_cast<const R*>(field);
-#pragma unroll
-        for (int round = 0; round < (HALO + BRICK_NODES - 1) / BRICK_NODES; ++round) {
-            const int i = node + round * BRICK_NODES;
-            const uint32_t entry = HALO_TABLE.entry[i < HALO ? i : HALO - 1];
-            const uint32_t from = __shfl_sync(~0u, around, entry >> 9 & 31);
-            if (i >= HALO) continue;
-            const R* const there = all + size_t(from) * (VECTOR * BRICK_NODES) + (entry >> 14);
-            for (int c = 0; c < 3; ++c) t.tile[c][entry & 511] = there[c * BRICK_NODES];
-        }
-        return own;
-    }
-
-    // How the corners of the cell have moved whose lowest one is staged there.
-    __device__ __forceinline__ Gradient<R> see(int low) const {
-        R u[3][8];
-#pragma unroll
-        for (int c = 0; c < 3; ++c) {
-#pragma unroll
-            for (int i = 0; i < 8; ++i) u[c][i] = t.tile[c][low + tile_at(i & 1, i >> 1 & 1, i >> 2)];
-        }
-        return gradient(u, inverse_4h);
-    }
-
-    __device__ __forceinline__ Matrix<R> frame(uint32_t brick, uint32_t cell) const {
-        const R* const at = static_cast<const R*>(e.frames) + size_t(brick) * (FRAME * BRICK_NODES) + cell;
-        Matrix<R> a;
-#pragma unroll
-        for (int n = 0; n < 9; ++n) a.m[n / 3][n % 3] = at[n * BRICK_NODES];
-        return a;
-    }
-
-    // Has all cells that touch the staged brick answer by their moduli and stress(gradient, frame, moduli), and gives the sum on this thread's node.
-    template <class Stress>
-    __device__ __forceinline__ V3<R> gather(uint32_t around, const Moduli<R>* moduli, Stress stress) const {
-#pragma unroll 1
-        for (int round = 0; round < (CELLS + BRICK_NODES - 1) / BRICK_NODES; ++round) {
-            const int cell = node + round * BRICK_NODES;
-            const int x = cell % CELLS_X, y = cell / CELLS_X % CELLS_Y, z = cell / (CELLS_X * CELLS_Y);
-            // Cells before the brick begin in another one.
-            const uint32_t from = __shfl_sync(~0u, around, (x > 0 ? 1 : 0) + (y > 0 ? 3 : 0) + (z > 0 ? 9 : 0));
-            const uint32_t there = ((z + BRICK_Z - 1) % BRICK_Z * BRICK_Y + (y + BRICK_Y - 1) % BRICK_Y) * BRICK_X + (x + BRICK_X - 1) % BRICK_X;
-            // What is known of the cell comes while the tile does.
-            uint32_t material = 0;
-            Matrix<R> a;
-            if (cell < CELLS) {
-                material = e.cells[from * BRICK_NODES + there];
-                a = frame(from, there);
-            }
-            if (round == 0) meet_team(team);
-            Answer<R> given{};
-            if (material) {
-                const Moduli<R> by = moduli[material];
-                const Gradient<R> seen = see(tile_at(x, y, z));
-                given = cell_answer(seen, stress(seen.g, a, by), by.hourglass, h);
-            }
-            if (cell >= CELLS) continue;
-#pragma unroll
-            for (int c = 0; c < 3; ++c) t.answers[c][cell] = {given.q.m[c][0], given.q.m[c][1], given.q.m[c][2], given.mean[c]};
-        }
-        meet_team(team);
-        const int first = (node / (BRICK_X * BRICK_Y) * CELLS_Y + node / BRICK_X % BRICK_Y) * CELLS_X + node % BRICK_X;
-        V3<R> sum{0, 0, 0};
-#pragma unroll
-        for (int c = 0; c < 8; ++c) {
-            // Cell c lies before the node along an axis where its bit is 0: the node is its upper corner there.
-            const int cell = first + ((c & 4 ? 1 : 0) * CELLS_Y + (c & 2 ? 1 : 0)) * CELLS_X + (c & 1);
-            const auto along = [&](int i) {
-                const Row<R> row = t.answers[i][cell];
-                return row.mean + ((c & 1 ? -row.x : row.x) + ((c & 2 ? -row.y : row.y) + (c & 4 ? -row.z : row.z)));
-            };
-            sum.x += along(0), sum.y += along(1), sum.z += along(2);
-        }
-        return sum;
-    }
-
-    // A times a field, without contact, at this thread's node of a brick; and the field itself there.
-    __device__ __forceinline__ V3<R> product_of(const void* field, uint32_t brick, V3<R>& own) const {
-        const uint32_t near = around(brick);
-        own = stage(field, brick, near);
-        const V3<R> sum = gather(near, s.changes, [](const Matrix<R>& g, const Matrix<R>& a, const Moduli<R>& by) {
-            return stress_change(a, g, by.mu, by.lambda);
-        });
-        const R heavy = *of<1>(e.heavy, brick);
-        return {heavy * own.x - sum.x, heavy * own.y - sum.y, heavy * own.z - sum.z};
-    }
-
-    // Finds the frames of a brick's cells. Sees how they are deformed: largest strain, J − 1 and 1 − J.
-    __device__ __forceinline__ void look(uint32_t brick, float seen[3]) const {
-        stage(e.u, brick, around(brick));
-        meet_team(team);
-        if (e.cells[slot(brick)]) {
-            const Matrix<R> g = see(tile_at(1 + node % BRICK_X, 1 + node / BRICK_X % BRICK_Y, 1 + node / (BRICK_X * BRICK_Y))).g;
-            const Matrix<R> f = deformation(g);
-            Matrix<R> strain = g, turned = f;
-            if (step.elasticity == COROTATED) {
-                R* const at = of<ROTATION>(e.rotations, brick);
-                Rotation<R> q{at[0], at[BRICK_NODES], at[2 * BRICK_NODES], at[3 * BRICK_NODES]};
-#pragma unroll 1
-                for (int turn = 0; turn < TURNS; ++turn) q = turn_towards(q, f);
-                at[0] = q.x, at[BRICK_NODES] = q.y, at[2 * BRICK_NODES] = q.z, at[3 * BRICK_NODES] = q.w;
-                turned = rotation_matrix(q);
-                strain = corotated_strain(turned, g);
-            } else if (step.elasticity == ST_VENANT_KIRCHHOFF) {
-                strain = green_strain(g);
-            }
-            if (step.elasticity != LINEAR) {
-                R* const at = of<FRAME>(e.frames, brick);
-                for (int n = 0; n < 9; ++n) at[n * BRICK_NODES] = turned.m[n / 3][n % 3];
-            }
-            float single[9], cof[9];
-            for (int n = 0; n < 9; ++n) single[n] = float(g.m[n / 3][n % 3]);
-            const float dj = volume_change(single, cof);
-            for (int i = 0; i < 3; ++i) seen[0] = fmaxf(seen[0], fabsf(float(strain.m[i][i])));
-            seen[1] = fmaxf(seen[1], dj);
-            seen[2] = fmaxf(seen[2], -dj);
-        }
-        meet_team(team);
-    }
-
-    // Builds a brick's part of the system, but for loads, regions and contact. Gives what rounding of displacements makes of b, squared, in units of the
-    // displacements' own rounding over dt.
-    __device__ __forceinline__ double build(uint32_t brick) const {
-        const uint32_t near = around(brick);
-        const V3<R> u = stage(e.u, brick, near), v = get(e.v, brick);
-        V3<R> force = gather(near, s.forces, [&](const Matrix<R>& g, const Matrix<R>& a, const Moduli<R>& by) {
-            if (step.elasticity == COROTATED) return corotated_stress(a, g, by.mu, by.lambda);
-            if (step.elasticity == LINEAR) return hooke(g, by.mu, by.lambda);
-            return product(deformation(g), hooke(green_strain(g), by.mu, by.lambda));
-        });
-
-        // What the eight cells around the node make of its own motion.
-        const uint32_t word = __float_as_uint(e.shown[slot(brick)].w);
-        const int x = node % BRICK_X, y = node / BRICK_X % BRICK_Y, z = node / (BRICK_X * BRICK_Y);
-        Block<R> block{};
-        R held = 0, holds = 0;
-#pragma unroll 1
-        for (int c = 0; c < 8; ++c) {
-            const int cx = x + (c & 1), cy = y + (c >> 1 & 1), cz = z + (c >> 2);
-            const uint32_t from = __shfl_sync(~0u, near, (cx > 0 ? 1 : 0) + (cy > 0 ? 3 : 0) + (cz > 0 ? 9 : 0));
-            const uint32_t material = word >> (4 * c) & 15;
-            if (!material) continue;
-            const uint32_t there = ((cz + BRICK_Z - 1) % BRICK_Z * BRICK_Y + (cy + BRICK_Y - 1) % BRICK_Y) * BRICK_X + (cx + BRICK_X - 1) % BRICK_X;
-            const Moduli<R> by = s.changes[material];
-            const Block<R> more = corner_block(frame(from, there), by, h, c & 1 ? R(-1) : R(1), c & 2 ? R(-1) : R(1), c & 4 ? R(-1) : R(1));
-            block.xx += more.xx, block.xy += more.xy, block.xz += more.xz, block.yy += more.yy, block.yz += more.yz, block.zz += more.zz;
-            held += s.forces[material].hourglass, holds += by.hourglass;
-        }
-        const V3<R> noise = free({block.xx * u.x, block.yy * u.y, block.zz * u.z}, brick);
-        const R mass = *of<1>(e.mass, brick), inertia = mass * R(step.inertia), dt = R(step.dt);
-        block.xx += inertia, block.yy += inertia, block.zz += inertia;
-        const Block<R> inverse = mass > R(0) ? inverted(block) : Block<R>{};
-        R* const at = of<BLOCK>(e.inverse, brick);
-        at[0] = inverse.xx, at[BRICK_NODES] = inverse.xy, at[2 * BRICK_NODES] = inverse.xz;
-        at[3 * BRICK_NODES] = inverse.yy, at[4 * BRICK_NODES] = inverse.yz, at[5 * BRICK_NODES] = inverse.zz;
-        *of<1>(e.heavy, brick) = inertia + holds;
-
-        force = plus(force, u, -held);
-        force = plus(force, {R(step.gravity[0]), R(step.gravity[1]), R(step.gravity[2])}, mass);
-        const V3<R> still{0, 0, 0};
-        V3<R> b = plus(step.is_paper ? still : plus(still, v, mass), force, dt);
-        if (step.is_paper) {
-            V3<R> own;
-            b = plus(b, product_of(e.v, brick, own), R(1));
-        }
-        put(e.b, brick, b);
-        // What is held stays, unless it is told to move.
-        put(e.x, brick, free(v, brick));
-        return double(dot(noise, noise));
-    }
-
-    // Visits the entries of a list that are this thread's.
-    template <class Visit>
-    __device__ __forceinline__ void for_each(uint32_t count, Visit visit) const {
-        if (!is_worker) return;
-        for (uint32_t i = blockIdx.x * blockDim.x + threadIdx.x; i < count; i += workers * blockDim.x) visit(i);
-    }
-
-    // Loads act on b.
-    __device__ void push() const {
-        for_each(loads.count, [&](uint32_t i) {
-            const Pushed known = loads.nodes[i];
-            const Triple force = force_on(loads, known, [&](uint32_t slot) -> Triple {
-                const R* const u = numbers_of<R>(e.u, slot);
-                return {u[0], u[BRICK_NODES], u[2 * BRICK_NODES]};
-            });
-            R* const b = numbers_of<R>(e.b, known.slot);
-            b[0] += R(force.x * step.dt), b[BRICK_NODES] += R(force.y * step.dt), b[2 * BRICK_NODES] += R(force.z * step.dt);
-        });
-    }
-
-    __device__ Triple place_of_driven(uint32_t i) const {
-        const Driven known = regions.nodes[i];
-        return place_of(known, regions.motions[step.substep * regions.regions + known.region]);
-    }
-
-    // What is driven has the velocity that takes it where it has to be at the end of the step.
-    __device__ void drive() const {
-        for_each(regions.count, [&](uint32_t i) {
-            const Triple to = place_of_driven(i);
-            const uint32_t slot = regions.nodes[i].slot;
-            const R* const u = numbers_of<R>(e.u, slot);
-            R* const x = numbers_of<R>(e.x, slot);
-            x[0] = R((to.x - u[0]) / step.dt), x[BRICK_NODES] = R((to.y - u[BRICK_NODES]) / step.dt), x[2 * BRICK_NODES] = R((to.z - u[2 * BRICK_NODES]) / step.dt);
-        });
-    }
-
-    // And it is there to the last digit.
-    __device__ void arrive() const {
-        for_each(regions.count, [&](uint32_t i) {
-            const Triple to = place_of_driven(i);
-            const uint32_t slot = regions.nodes[i].slot;
-            R* const u = numbers_of<R>(e.u, slot);
-            u[0] = R(to.x), u[BRICK_NODES] = R(to.y), u[2 * BRICK_NODES] = R(to.z);
-            e.shown[slot] = make_float4(float(to.x), float(to.y), float(to.z), e.shown[slot].w);
-        });
-    }
-
-    // What contact adds to A times a vector at this thread's node.
-    __device__ __forceinline__ V3<R> touched(const Contact& c, bool has_contact, uint32_t brick) const {
-        if (!has_contact || !e.near_tools[brick]) return {0, 0, 0};
-        const uint32_t carrier = c.carrier_at[slot(brick)];
-        if (carrier == ~0u) return {0, 0, 0};
-        const R* const at = static_cast<const R*>(e.touched) + 3 * carrier;
-        return {at[0], at[1], at[2]};
-    }
-
-    __device__ __forceinline__ V3<R> precondition(const V3<R>& r, uint32_t brick) const {
-        const R* const m = of<BLOCK>(e.inverse, brick);
-        const R xx = m[0], xy = m[BRICK_NODES], xz = m[2 * BRICK_NODES], yy = m[3 * BRICK_NODES], yz = m[4 * BRICK_NODES], zz = m[5 * BRICK_NODES];
-        return free({xx * r.x + (xy * r.y + xz * r.z), xy * r.x + (yy * r.y + yz * r.z), xz * r.x + (yz * r.y + zz * r.z)}, brick);
-    }
-};
 
 // What an iteration sums up.
 struct Sums {
@@ -362,13 +29,25 @@ struct Reached {
 };
 
 // Everything between the start of a step and its report.
-template <class R, int TEAMS>
+template <class R>
 struct Run {
-    Worker<R, TEAMS>& w;
-    Press<R, TEAMS * BRICK_NODES>& press;
+    Worker<R>& w;
+    Press<R>& press;
     const Contact& c;
     bool has_contact = false;
     double noise = 0.0;
+
+    // Adds to A times a field what rows make of it. Gives this thread's part of the product of that with the field.
+    __device__ double add_rows(const void* of, void* to) const {
+        double work = 0.0;
+        if (w.e.row_count == 0) return work;
+        w.for_each_brick([&](uint32_t brick) {
+            const V3<R> more = w.product_of_rows(of, brick);
+            w.put(to, brick, plus(w.get(to, brick), more, R(1)));
+            work += double(dot(w.get(of, brick), more));
+        });
+        return work;
+    }
 
     // The residual of x, and that preconditioned; r·r and r·z of this thread's nodes. A x is known, or is found.
     __device__ void renew(bool is_known, Sums& sums) const {
@@ -378,6 +57,7 @@ struct Run {
                 V3<R> own;
                 w.put(e.ax, brick, w.product_of(e.x, brick, own));
             });
+            add_rows(e.x, e.ax);
         }
         if (has_contact && !w.is_worker) press.touch(e.x, true);
         meet(w.grid);
@@ -399,6 +79,7 @@ struct Run {
             w.put(w.e.w, brick, az);
             sums.numbers[2] += double(dot(z, az));
         });
+        sums.numbers[2] += add_rows(w.e.z, w.e.w);
         if (has_contact && !w.is_worker) sums.numbers[2] += press.touch(w.e.z, false);
     }
 
@@ -489,12 +170,41 @@ struct Run {
     }
 };
 
+// What it takes to carry what tools hold: A x − b there, what was missing to move so. One block.
+template <class R>
+__device__ void carry(const Worker<R>& w, const Contact& c, bool has_contact) {
+    const Efg& e = w.e;
+    const EfgStep& step = w.step;
+    for (uint32_t t = 0; t < step.step.tool_count; ++t) {
+        const View view = view_of(step.step.tools[t], step.to);
+        double force[3] = {}, rest[4] = {};
+        for (uint32_t i = w.holds.starts[t] + threadIdx.x; i < w.holds.starts[t + 1]; i += blockDim.x) {
+            const Held node = w.holds.nodes[i];
+            const uint32_t carrier = w.carrier_of(c, has_contact, node.slot);
+            V3<R> j = plus(vector_of<R>(e.ax, node.slot), vector_of<R>(e.b, node.slot), R(-1));
+            if (carrier != ~0u) j = plus(j, w.touched_on(carrier), R(1));
+            const Vec arm = rotate(view.turn, vec(node.place)), impulse{float(j.x), float(j.y), float(j.z)}, moment = cross(arm, impulse);
+            force[0] -= j.x, force[1] -= j.y, force[2] -= j.z;
+            rest[0] -= moment.x, rest[1] -= moment.y, rest[2] -= moment.z;
+            rest[3] += dot(j, vector_of<R>(e.x, node.slot));
+        }
+        const uint32_t warp = threadIdx.x / 32;
+        double* const sums = reinterpret_cast<double*>(&w.holds.sums[t]);
+        const double of_force = block_all<Sum>(force, w.s.scratch);
+        if (warp < 3) sums[warp] = of_force;
+        __syncthreads();
+        const double of_rest = block_all<Sum>(rest, w.s.scratch);
+        if (warp < 4) sums[3 + warp] = of_rest;
+        __syncthreads();
+    }
+}
+
 // What the host is told.
-template <class R, int TEAMS>
-__device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NODES>& press, const Contact& c, const Reached& reached, double noise, double speed2,
-                     bool is_sound) {
+template <class R>
+__device__ void tell(const Worker<R>& w, const Press<R>& press, const Contact& c, const Reached& reached, bool has_contact, double noise, double speed2, bool is_sound) {
     Report& report = *w.e.report;
-    press.tell(report.sums);
+    if (w.holds.count > 0) carry(w, c, has_contact);
+    press.tell(report.sums, w.holds.count > 0 ? w.holds.sums : nullptr);
     const uint32_t touching = w.step.step.tool_count ? c.counts[POINTS] : 0;
     tell_points(c.points, touching, c.touched);
     // The strains that blocks saw, by one warp.
@@ -506,6 +216,7 @@ __device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NOD
         }
         for (float& most : seen) most = float(warp_all<Largest>(most));
     }
+    if (threadIdx.x == 0) *w.e.meetings = w.grid.meeting;
     // All sums and points are in the host's memory before the number is.
     __threadfence_system();
     __syncthreads();
@@ -527,12 +238,13 @@ __device__ void tell(const Worker<R, TEAMS>& w, const Press<R, TEAMS * BRICK_NOD
     *(volatile uint32_t*)&report.sequence = w.step.step.sequence;
 }
 
-template <class R, int TEAMS>
-__device__ void take_step(const Efg& e, const Contact& c, const Push& loads, const Drive& regions, unsigned char* memory) {
-    static_assert(sizeof(Shared<R, TEAMS>) == EFG_SHARED_BYTES<R, TEAMS>);
-    Shared<R, TEAMS>& s = *reinterpret_cast<Shared<R, TEAMS>*>(memory);
-    constexpr int THREADS = TEAMS * BRICK_NODES;
-    Worker<R, TEAMS> w(e, loads, regions, s);
+template <class R, int FEWEST_TEAMS>
+__device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const Push& loads, const Drive& regions, const Hold& holds, unsigned char* memory) {
+    static_assert(sizeof(Shared<R>) == EFG_BLOCK_BYTES<R> && sizeof(Team<R>) == EFG_TEAM_BYTES<R>);
+    static_assert(sizeof(PressShared) <= FEWEST_TEAMS * sizeof(Team<R>));
+    Shared<R>& s = *reinterpret_cast<Shared<R>*>(memory);
+    unsigned char* const others = memory + sizeof(Shared<R>);
+    Worker<R> w(e, loads, regions, holds, s, reinterpret_cast<Team<R>*>(others));
     const EfgStep& step = w.step;
     if (threadIdx.x < 16) {
         const EfgLaw law = e.laws[threadIdx.x];
@@ -543,10 +255,11 @@ __device__ void take_step(const Efg& e, const Contact& c, const Push& loads, con
     if (!w.is_worker && threadIdx.x == 0 && e.starts) *e.started = clock_ns();
     __syncthreads();
 
-    Press<R, THREADS> press(e, c, s.press);
-    Run<R, TEAMS> run{w, press, c};
+    Press<R> press(e, c, *reinterpret_cast<PressShared*>(others));
+    Run<R> run{w, press, c};
     float seen[3] = {};
     w.for_each_brick([&](uint32_t brick) { w.look(brick, seen); });
+    w.look_at_rows(seen);
     double strains[3] = {seen[0], seen[1], seen[2]};
     if (w.is_worker) {
         const double most = block_all<Largest>(strains, s.scratch);
@@ -556,19 +269,20 @@ __device__ void take_step(const Efg& e, const Contact& c, const Push& loads, con
     }
     meet(w.grid);
 
+    run.has_contact = c.counts[POINTS] > 0;
+    if (run.has_contact && !w.is_worker) press.list();
     w.for_each_brick([&](uint32_t brick) { run.noise += w.build(brick); });
     const double unit = double(rounding(R(0))) / step.dt;
     run.noise *= unit * unit;
     meet(w.grid);
     if (step.only_forces) {
-        if (!w.is_worker) tell(w, press, c, Reached{}, 0.0, 0.0, true);
+        if (!w.is_worker) tell(w, press, c, Reached{}, false, 0.0, 0.0, true);
         return;
     }
     w.push();
-    w.drive();
-    run.has_contact = c.counts[POINTS] > 0;
+    w.take_along();
     if (run.has_contact && !w.is_worker) press.begin();
-    if (regions.count > 0) meet(w.grid);
+    if (w.takes_any()) meet(w.grid);
 
     Reached reached{};
     run.solve_with_contact(reached);
@@ -593,21 +307,19 @@ __device__ void take_step(const Efg& e, const Contact& c, const Push& loads, con
     }
     meet(w.grid);
     if (is_sound) w.arrive();
-    if (!w.is_worker) tell(w, press, c, reached, run.noise_of_all, most[0], is_sound);
+    if (!w.is_worker) tell(w, press, c, reached, run.has_contact, run.noise_of_all, most[0], is_sound);
 }
 
 }  // namespace efg_kernel
 using namespace efg_kernel;
 
-#define PLP_EFG(NAME, R, TEAMS)                                                                                                  \
-    extern "C" __global__ void __launch_bounds__(TEAMS* BRICK_NODES, 1)                                                          \
+#define PLP_EFG(NAME, R, FEWEST_TEAMS, MOST_TEAMS)                                                                               \
+    extern "C" __global__ void __launch_bounds__(MOST_TEAMS* BRICK_NODES, 1)                                                     \
         NAME(const __grid_constant__ Efg e, const __grid_constant__ Contact c, const __grid_constant__ Push loads,               \
-             const __grid_constant__ Drive regions) {                                                                            \
+             const __grid_constant__ Drive regions, const __grid_constant__ Hold holds) {                                        \
         extern __shared__ float4 memory[];                                                                                       \
-        take_step<R, TEAMS>(e, c, loads, regions, reinterpret_cast<unsigned char*>(memory));                                     \
+        take_step<R, FEWEST_TEAMS>(e, c, loads, regions, holds, reinterpret_cast<unsigned char*>(memory));                       \
     }
-// With as many teams as registers allow, and as fit into 61 KiB of shared memory.
-PLP_EFG(efg_single, float, 6)
-PLP_EFG(efg_single_small, float, 4)
-PLP_EFG(efg_double, double, 4)
-PLP_EFG(efg_double_small, double, 2)
+// With as many teams as fit into 64 KiB of shared memory at least, and as registers allow at most.
+PLP_EFG(efg_single, float, 4, 6)
+PLP_EFG(efg_double, double, 2, 4)

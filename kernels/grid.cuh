@@ -4,25 +4,25 @@
 
 // What a block knows of its grid, the same in all its threads.
 struct Grid {
-    // How often blocks have arrived, all together, and how often this one has.
+    // How often blocks have arrived, all together since the kernel's first launch, and at how many meetings this one has been, in all launches: neither is ever set back.
     uint32_t* arrived;
-    uint32_t meetings;
+    uint32_t meeting;
     // Two sets of numbers of all blocks, in turn: a block that is ahead writes one while others still read the other.
     double* partials;  // [2][GRID_NUMBERS][blocks]
-    uint32_t turn;
     // Shared by the block's threads.
     double* scratch;  // [GRID_NUMBERS][33]
 };
 
 // What any block wrote before, every block may read afterwards.
 __device__ inline void meet(Grid& grid) {
-    ++grid.meetings;
+    ++grid.meeting;
     __syncthreads();
     if (threadIdx.x == 0) {
         __threadfence();
         atomicAdd(grid.arrived, 1);
-        const uint32_t all = grid.meetings * gridDim.x;
-        while (*(volatile uint32_t*)grid.arrived < all) {
+        // Numbers may run over.
+        const uint32_t all = grid.meeting * gridDim.x;
+        while (int32_t(*(volatile uint32_t*)grid.arrived - all) < 0) {
         }
         __threadfence();
     }
@@ -43,7 +43,7 @@ __device__ __forceinline__ double warp_all(double x) {
     return x;
 }
 
-// N numbers over a block: the n-th in lane 0 of the n-th warp. Every thread calls it.
+// N numbers over a block: the n-th in all lanes of the n-th warp. Every thread calls it.
 template <class How, int N>
 __device__ __forceinline__ double block_all(const double (&mine)[N], double* scratch) {
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32, warps = blockDim.x / 32;
@@ -62,14 +62,14 @@ template <class How, int N>
 __device__ __forceinline__ void meet_with(Grid& grid, double (&numbers)[N]) {
     static_assert(N <= GRID_NUMBERS);
     const uint32_t lane = threadIdx.x & 31, warp = threadIdx.x / 32;
-    double* const partials = grid.partials + grid.turn * GRID_NUMBERS * gridDim.x;
-    grid.turn ^= 1;
+    double* const partials = grid.partials + ((grid.meeting & 1) * GRID_NUMBERS + warp) * gridDim.x;
     const double mine = block_all<How>(numbers, grid.scratch);
-    if (warp < N && lane == 0) partials[warp * gridDim.x + blockIdx.x] = mine;
+    if (warp < N && lane == 0) partials[blockIdx.x] = mine;
     meet(grid);
     if (warp < N) {
         double all = 0.0;
-        for (uint32_t block = lane; block < gridDim.x; block += 32) all = How::of(all, partials[warp * gridDim.x + block]);
+#pragma unroll 8
+        for (uint32_t block = lane; block < gridDim.x; block += 32) all = How::of(all, partials[block]);
         all = warp_all<How>(all);
         if (lane == 0) grid.scratch[warp * 33 + 32] = all;
     }

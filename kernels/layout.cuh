@@ -380,8 +380,6 @@ struct EfgStep {
     uint32_t is_paper, only_forces;
     // Which one of a step's it is, from 0.
     uint32_t substep;
-    // How often blocks have met in this step, all together.
-    uint32_t arrived;
     Step step;
 };
 
@@ -405,12 +403,36 @@ enum PressField {
     PRESS_FIELDS = ANSWER + 3,
 };
 
+// Places of a row.
+constexpr int ROW = 20;
+
+// A cell with a row of its own: V, and 8 V / h³.
+template <class R>
+struct RowCell {
+    R volume, fill;
+    uint32_t length, material;
+};
+
+// A node in its row: ∇φ, w / Σ w, and where it lies from the weighted mean.
+template <class R>
+struct RowEntry {
+    R gradient[3], share, arm[3];
+    uint32_t slot;
+};
+
+// Where a node stands.
+struct RowPlace {
+    uint32_t row, entry;
+};
+
 // Most numbers that blocks of a grid sum up at once.
 constexpr int GRID_NUMBERS = 4;
 
-// Bytes that a block of the step's kernel shares, with so many teams.
-template <class R, int TEAMS>
-constexpr size_t EFG_SHARED_BYTES = GRID_NUMBERS * 33 * 8 + (96 + 3780 * TEAMS) * sizeof(R);
+// Bytes that a block of the step's kernel shares, and those that each of its teams adds.
+template <class R>
+constexpr size_t EFG_BLOCK_BYTES = GRID_NUMBERS * 33 * 8 + 96 * sizeof(R);
+template <class R>
+constexpr size_t EFG_TEAM_BYTES = 3780 * sizeof(R);
 
 // The meshless state and its system, A x = b; see src/cpu/efg/system.rs. Arrays whose type is not named are of float or double, `numbers` of which each brick
 // has for each of its nodes: [brick][number][node]. Behind the last brick lies one of zeros, which stands for every brick that is not there.
@@ -418,6 +440,8 @@ struct Efg {
     uint32_t bricks;
     // Whether this kernel is the step's first.
     uint32_t starts;
+    // How many cells have rows of their own.
+    uint32_t row_count;
     double cell;
     EfgStep* step;
     const EfgLaw* laws;         // [16]
@@ -440,7 +464,8 @@ struct Efg {
     void* touched;
     void* shares;
     void* press;  // [PRESS_FIELDS][MAX_POINTS]
-    // Sums of blocks, in turn; and the largest strains that they saw.
+    // At how many meetings blocks have been in all steps before, and how often they have arrived, all together; sums of blocks, in turn; and the largest strains that they saw.
+    uint32_t *meetings, *arrived;
     double* partials;
     float4* seen;
     // Whether contact answered as it was asked.
@@ -449,5 +474,11 @@ struct Efg {
     const uint32_t* near_tools;
     // When the step began, by the device's clock.
     uint64_t* started;
+    // Cells with rows of their own, and where every slot's node stands in them; see src/cpu/efg/rows.rs.
+    const void* row_cells;       // RowCell
+    const void* row_entries;     // RowEntry: [row_count][ROW]
+    const uint32_t* row_starts;  // [slots + 1]
+    const RowPlace* row_places;
+    void *row_rotations, *row_frames;
     Report* report;
 };

@@ -6,6 +6,7 @@
 #include "block.cuh"
 #include "contact.cuh"
 #include "efg.cuh"
+#include "field.cuh"
 #include "grid.cuh"
 #include "layout.cuh"
 #include "points.cuh"
@@ -19,6 +20,8 @@ constexpr double CONTACT_STIFFNESS = 50.0;
 constexpr double SETTLED = 5e-3;
 // Threads that care for a site or a carrier.
 constexpr int LANES = 8;
+// Most threads of a block.
+constexpr int MOST_THREADS = 1024;
 
 // What the block's threads share.
 struct PressShared {
@@ -28,47 +31,19 @@ struct PressShared {
     uint32_t moved;
 };
 
-// Numbers of a node in a field of three.
-template <class R>
-__device__ __forceinline__ R* numbers_of(void* field, uint32_t slot) {
-    return static_cast<R*>(field) + size_t(slot / BRICK_NODES) * (VECTOR * BRICK_NODES) + slot % BRICK_NODES;
-}
-
 template <class R>
 __device__ __forceinline__ R group_sum(R x) {
     for (int step = 1; step < LANES; step *= 2) x += __shfl_xor_sync(~0u, x, step);
     return x;
 }
 
-// A vector in the precision of the state.
 template <class R>
-struct V3 {
-    R x, y, z;
-};
-template <class R>
-__device__ __forceinline__ R dot(const V3<R>& a, const V3<R>& b) {
-    return a.x * b.x + (a.y * b.y + a.z * b.z);
-}
-// a + b s.
-template <class R>
-__device__ __forceinline__ V3<R> plus(const V3<R>& a, const V3<R>& b, R s) {
-    return {a.x + b.x * s, a.y + b.y * s, a.z + b.z * s};
-}
-template <class R>
-__device__ __forceinline__ V3<R> across(const V3<R>& v, const V3<R>& n) {
-    return plus(v, n, -dot(v, n));
-}
-template <class R>
-__device__ __forceinline__ R norm(const V3<R>& v) {
-    return root(dot(v, v));
-}
-
-template <class R, int THREADS>
 struct Press {
     const Efg& e;
     const Contact& c;
     PressShared& s;
     const EfgStep& step;
+    const uint32_t threads = blockDim.x;
     // Active sites, and points.
     uint32_t active = 0, count = 0;
 
@@ -122,16 +97,16 @@ struct Press {
     // Finds all points in the order of sites and tools, nodes being where they are at the start of the step.
     __device__ void find() {
         const uint32_t thread = threadIdx.x, tools = step.step.tool_count, sites = tools ? c.counts[SITES] : 0;
-        for (uint32_t i = thread; i < tools * (sizeof(ToolStep) / 4); i += THREADS) {
+        for (uint32_t i = thread; i < tools * (sizeof(ToolStep) / 4); i += threads) {
             reinterpret_cast<uint32_t*>(s.tools)[i] = reinterpret_cast<const uint32_t*>(step.step.tools)[i];
         }
         __syncthreads();
-        for (uint32_t i = thread; i < 2 * tools; i += THREADS) {
+        for (uint32_t i = thread; i < 2 * tools; i += threads) {
             (i % 2 ? s.before : s.now)[i / 2] = view_of(s.tools[i / 2], i % 2 ? step.from : step.to);
         }
         __syncthreads();
 #pragma unroll 1
-        for (uint32_t first = 0; first < sites; first += THREADS) {
+        for (uint32_t first = 0; first < sites; first += threads) {
             const uint32_t site = min(first + thread, sites - 1);
             const bool is_there = first + thread < sites;
             const float4 rest = c.site_rest[site], own = c.site_own[site];
@@ -149,7 +124,7 @@ struct Press {
             }
             const uint32_t mine = min(__popcll(met), MOST_OF_SITE);
             uint32_t total;
-            const uint32_t sum = scan<THREADS / 32>(mine | (mine ? 1u << 16 : 0), total), a = active + (sum >> 16);
+            const uint32_t sum = scan<MOST_THREADS / 32>(mine | (mine ? 1u << 16 : 0), total, threads / 32), a = active + (sum >> 16);
             uint32_t k = count + (sum & 0xffff);
             // Sites whose points find no room are the last.
             const bool is_active = mine && k + mine <= MAX_POINTS;
@@ -203,16 +178,16 @@ struct Press {
         return pushed;
     }
 
-    // Lists the nodes that carry points with what they carry, says how stiff points are, and adds them to the blocks on A's diagonal.
-    __device__ void begin() {
+    // Lists the nodes that carry points with what they carry.
+    __device__ void list() {
         const uint32_t thread = threadIdx.x, lane = thread % LANES, group = thread / LANES, shift = thread & 24, mask = 0xffu << shift;
         const uint32_t round = c.counts[ROUND];
         R* const shares = static_cast<R*>(e.shares);
         R* const touched = static_cast<R*>(e.touched);
-        for (uint32_t i = thread; i < 3 * c.counts[CARRIERS]; i += THREADS) touched[i] = R(0);
+        for (uint32_t i = thread; i < 3 * c.counts[CARRIERS]; i += threads) touched[i] = R(0);
         // Each carrier once: who comes first claims it, and nothing hangs on who that is.
 #pragma unroll 1
-        for (uint32_t job = thread; job < active * row(); job += THREADS) {
+        for (uint32_t job = thread; job < active * row(); job += threads) {
             const uint32_t on = c.site_carriers[job % row() * MAX_SITES + s.sites.site[job / row()]].name;
             if (on == ~0u || atomicExch(&c.claimed[on], round) == round) continue;
             c.moved[atomicAdd(&s.moved, 1)] = {on, 0};
@@ -220,7 +195,7 @@ struct Press {
         __syncthreads();
         // A group for each gathers its loads on active sites, and how much all points together put on it.
 #pragma unroll 1
-        for (uint32_t n = group; n < s.moved; n += THREADS / LANES) {
+        for (uint32_t n = group; n < s.moved; n += threads / LANES) {
             const uint32_t on = c.moved[n].x;
             const Carrier carrier = c.carriers[on];
             uint32_t loads = 0;
@@ -243,59 +218,62 @@ struct Press {
             shares[on] = share;
         }
         __syncthreads();
+    }
+
+    // Says how stiff points are, and adds them to the blocks on A's diagonal.
+    __device__ void begin() const {
+        const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
+        const R* const shares = static_cast<const R*>(e.shares);
         // As many points as share a node share the stiffness that it takes.
 #pragma unroll 1
-        for (uint32_t k = thread; k < count; k += THREADS) {
-            const uint32_t site = s.sites.site[site_of(k)];
+        for (uint32_t first = 0; first < count; first += threads / LANES) {
+            const uint32_t k = min(first + group, count - 1), site = s.sites.site[site_of(k)];
             const V3<R> n = normal(k);
             R yielding = R(0);
-#pragma unroll 1
-            for (uint32_t i = 0; i < row(); ++i) {
+            for (uint32_t i = lane; i < row(); i += LANES) {
                 const R weight = fabsf(c.site_weights[i * MAX_SITES + site]);
                 if (weight == R(0)) continue;
                 const Carrier carrier = c.site_carriers[i * MAX_SITES + site];
-                const Block<R> m = inverse_at(carrier.slot);
-                const V3<R> by{m.xx * n.x + (m.xy * n.y + m.xz * n.z), m.xy * n.x + (m.yy * n.y + m.yz * n.z), m.xz * n.x + (m.yz * n.y + m.zz * n.z)};
-                yielding += weight * larger(shares[carrier.name], weight) * dot(n, by);
+                yielding += weight * larger(shares[carrier.name], weight) * dot(n, product(block_of<R>(e.inverse, carrier.slot), n));
             }
+            yielding = group_sum(yielding);
+            if (lane > 0 || first + group >= count) continue;
             field(STIFFNESS, k) = R(CONTACT_STIFFNESS) / yielding;
             // At first everything in contact sticks.
             field(GRIP, k) = field(NEXT_GRIP, k) = tool_of(k).friction > 0.0f ? field(STIFFNESS, k) : R(0);
         }
         __syncthreads();
-#pragma unroll 1
-        for (uint32_t n = thread; n < s.moved; n += THREADS) stiffen(c.moved[n]);
+        stiffen();
         __syncthreads();
     }
 
-    __device__ R* inverse_place(uint32_t slot) const {
-        return static_cast<R*>(e.inverse) + size_t(slot / BRICK_NODES) * (BLOCK * BRICK_NODES) + slot % BRICK_NODES;
-    }
-    __device__ Block<R> inverse_at(uint32_t slot) const {
-        const R* const m = inverse_place(slot);
-        return {m[0], m[BRICK_NODES], m[2 * BRICK_NODES], m[3 * BRICK_NODES], m[4 * BRICK_NODES], m[5 * BRICK_NODES]};
-    }
-
     // Adds what points on a carrier resist by to its block on A's diagonal.
-    __device__ void stiffen(const uint2& known) const {
-        const Carrier carrier = c.carriers[known.x];
-        const Block<R> was = inverse_at(carrier.slot);
-        Block<double> sum = inverted(Block<double>{was.xx, was.xy, was.xz, was.yy, was.yz, was.zz});
-        for (uint32_t i = carrier.start; i < carrier.start + known.y; ++i) {
-            const Load load = c.active_loads[i];
-            const double share = double(load.weight) * double(load.weight);
-            for (uint32_t k = s.sites.first[load.site]; k < s.sites.first[load.site + 1]; ++k) {
-                if (field(IS_PUSHED, k) == R(0)) continue;
-                const V3<R> n = normal(k);
-                const double grip = field(GRIP, k) * share, more = (field(STIFFNESS, k) - field(GRIP, k)) * share;
-                sum.xx += grip + more * n.x * n.x, sum.xy += more * n.x * n.y, sum.xz += more * n.x * n.z;
-                sum.yy += grip + more * n.y * n.y, sum.yz += more * n.y * n.z, sum.zz += grip + more * n.z * n.z;
+    __device__ void stiffen() const {
+        const uint32_t lane = threadIdx.x % LANES, group = threadIdx.x / LANES;
+#pragma unroll 1
+        for (uint32_t first = 0; first < s.moved; first += threads / LANES) {
+            const uint2 known = c.moved[min(first + group, s.moved - 1)];
+            const Carrier carrier = c.carriers[known.x];
+            Block<double> sum{};
+            for (uint32_t i = carrier.start + lane; i < carrier.start + known.y; i += LANES) {
+                const Load load = c.active_loads[i];
+                const double share = double(load.weight) * double(load.weight);
+                for (uint32_t k = s.sites.first[load.site]; k < s.sites.first[load.site + 1]; ++k) {
+                    if (field(IS_PUSHED, k) == R(0)) continue;
+                    const V3<R> n = normal(k);
+                    const double grip = field(GRIP, k) * share, more = (field(STIFFNESS, k) - field(GRIP, k)) * share;
+                    sum.xx += grip + more * n.x * n.x, sum.xy += more * n.x * n.y, sum.xz += more * n.x * n.z;
+                    sum.yy += grip + more * n.y * n.y, sum.yz += more * n.y * n.z, sum.zz += grip + more * n.z * n.z;
+                }
             }
+            sum = {group_sum(sum.xx), group_sum(sum.xy), group_sum(sum.xz), group_sum(sum.yy), group_sum(sum.yz), group_sum(sum.zz)};
+            if (lane > 0 || first + group >= s.moved) continue;
+            const Block<R> m = block_of<R>(e.inverse, carrier.slot);
+            const Block<double> was = inverted(Block<double>{m.xx, m.xy, m.xz, m.yy, m.yz, m.zz});
+            const Block<double> now =
+                inverted(Block<double>{was.xx + sum.xx, was.xy + sum.xy, was.xz + sum.xz, was.yy + sum.yy, was.yz + sum.yz, was.zz + sum.zz});
+            set_block<R>(e.inverse, carrier.slot, {R(now.xx), R(now.xy), R(now.xz), R(now.yy), R(now.yz), R(now.zz)});
         }
-        const Block<double> now = inverted(sum);
-        R* const m = inverse_place(carrier.slot);
-        m[0] = R(now.xx), m[BRICK_NODES] = R(now.xy), m[2 * BRICK_NODES] = R(now.xz);
-        m[3 * BRICK_NODES] = R(now.yy), m[4 * BRICK_NODES] = R(now.yz), m[5 * BRICK_NODES] = R(now.zz);
     }
 
     // Gathers on carriers what contact adds to A times a field, less what it adds to b where that is wanted. Gives the thread's part of its product with the field.
@@ -304,12 +282,12 @@ struct Press {
         double work = 0.0;
         // Groups of a warp stay together.
 #pragma unroll 1
-        for (uint32_t first = 0; first < active; first += THREADS / LANES) {
+        for (uint32_t first = 0; first < active; first += threads / LANES) {
             const uint32_t a = min(first + group, active - 1), site = s.sites.site[a];
             V3<R> moving{0, 0, 0};
             for (uint32_t i = lane; i < row(); i += LANES) {
-                const R* const at = numbers_of<R>(const_cast<void*>(of), c.site_slots[i * MAX_SITES + site]);
-                moving = plus(moving, {at[0], at[BRICK_NODES], at[2 * BRICK_NODES]}, R(c.site_weights[i * MAX_SITES + site]));
+                const uint32_t at = i * MAX_SITES + site;
+                moving = plus(moving, vector_of<R>(of, c.site_slots[at]), R(c.site_weights[at]));
             }
             moving = {group_sum(moving.x), group_sum(moving.y), group_sum(moving.z)};
             if (lane > 0 || first + group >= active) continue;
@@ -317,14 +295,13 @@ struct Press {
             for (uint32_t k = s.sites.first[a]; k < s.sites.first[a + 1]; ++k) {
                 if (field(IS_PUSHED, k) == R(0)) continue;
                 const V3<R> n = normal(k);
-                const R stiffness = field(STIFFNESS, k), grip = field(GRIP, k);
                 R push = dot(moving, n);
                 V3<R> slip = across(moving, n);
                 if (less_wanted) {
                     push -= field(WANTED, k);
                     slip = plus(slip, across(tool_velocity(k), n), R(-1));
                 }
-                answer = plus(plus(answer, n, stiffness * push), slip, grip);
+                answer = plus(plus(answer, n, field(STIFFNESS, k) * push), slip, field(GRIP, k));
             }
             work += double(dot(moving, answer));
             set(MOVING, a, moving);
@@ -333,9 +310,8 @@ struct Press {
         __syncthreads();
         R* const touched = static_cast<R*>(e.touched);
 #pragma unroll 1
-        for (uint32_t first = 0; first < s.moved; first += THREADS / LANES) {
-            const uint32_t n = min(first + group, s.moved - 1);
-            const uint2 known = c.moved[n];
+        for (uint32_t first = 0; first < s.moved; first += threads / LANES) {
+            const uint2 known = c.moved[min(first + group, s.moved - 1)];
             const uint32_t start = c.carriers[known.x].start;
             V3<R> sum{0, 0, 0};
             for (uint32_t i = start + lane; i < start + known.y; i += LANES) {
@@ -344,7 +320,8 @@ struct Press {
             }
             sum = {group_sum(sum.x), group_sum(sum.y), group_sum(sum.z)};
             if (lane > 0 || first + group >= s.moved) continue;
-            touched[3 * known.x] = sum.x, touched[3 * known.x + 1] = sum.y, touched[3 * known.x + 2] = sum.z;
+            R* const on = touched + 3 * known.x;
+            on[0] = sum.x, on[1] = sum.y, on[2] = sum.z;
         }
         return work;
     }
@@ -354,7 +331,7 @@ struct Press {
         double most[2] = {0.0, 0.0};
         double &largest = most[0], &wrong = most[1];
 #pragma unroll 1
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        for (uint32_t k = threadIdx.x; k < count; k += threads) {
             if (!is_movable(k)) continue;
             const V3<R> n = normal(k), moving = vector(MOVING, site_of(k));
             const R stiffness = field(STIFFNESS, k), grip = field(GRIP, k), push = stiffness * (field(WANTED, k) - dot(moving, n));
@@ -379,17 +356,17 @@ struct Press {
 
     // Takes the laws that the last solution asks for.
     __device__ void mend() const {
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        for (uint32_t k = threadIdx.x; k < count; k += threads) {
             field(GRIP, k) = field(NEXT_GRIP, k);
             field(IS_PUSHED, k) = field(NEXT_IS_PUSHED, k);
         }
         __syncthreads();
     }
 
-    // What tools receive: every point's share, summed by a warp for each number.
-    __device__ void tell(ToolSum* sums) const {
+    // What tools receive: what they had already, where that is not nothing, and every point's share, summed by a warp for each number.
+    __device__ void tell(ToolSum* sums, const ToolSum* before) const {
 #pragma unroll 1
-        for (uint32_t k = threadIdx.x; k < count; k += THREADS) {
+        for (uint32_t k = threadIdx.x; k < count; k += threads) {
             const float4 impulse = point(IMPULSE, k);
             const Vec at = vec(point(AT, k)), j = vec(point(NORMAL, k)) * impulse.w + vec(impulse), m = cross(at, j);
             const float given[] = {-j.x, -j.y, -j.z, -m.x, -m.y, -m.z, dot(j, velocity_of(tool_of(k), at, step.step.duration))};
@@ -399,8 +376,8 @@ struct Press {
         __syncthreads();
         const uint32_t lane = threadIdx.x % 32;
 #pragma unroll 1
-        for (uint32_t job = threadIdx.x / 32; job < 7 * step.step.tool_count; job += THREADS / 32) {
-            double sum = 0.0;
+        for (uint32_t job = threadIdx.x / 32; job < 7 * step.step.tool_count; job += threads / 32) {
+            double sum = before && lane == 0 ? reinterpret_cast<const double*>(&before[job / 7])[job % 7] : 0.0;
             for (uint32_t k = lane; k < count; k += 32) {
                 if (__float_as_uint(point(NAMES, k).x) == job / 7) sum += c.given[job % 7 * MAX_POINTS + k];
             }

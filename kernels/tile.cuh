@@ -9,6 +9,8 @@ constexpr int HALO = TILE - BRICK_NODES;
 // Cells that touch a node of the brick.
 constexpr int CELLS_X = BRICK_X + 1, CELLS_Y = BRICK_Y + 1, CELLS_Z = BRICK_Z + 1;
 constexpr int CELLS = CELLS_X * CELLS_Y * CELLS_Z;
+// How often a thread for each node of the brick has to do what is done for each node of the halo, or each cell.
+constexpr int HALO_ROUNDS = (HALO + BRICK_NODES - 1) / BRICK_NODES, CELL_ROUNDS = (CELLS + BRICK_NODES - 1) / BRICK_NODES;
 
 __host__ __device__ constexpr int tile_at(int x, int y, int z) { return (z * TILE_Y + y) * TILE_X + x; }
 

@@ -5,12 +5,15 @@
 //!
 //! `us_per_step` is the median of a whole update: frames, forces, contact, solution, motion; `device_us_per_step` that of what the device was at work;
 //! `us_per_iteration` the least over steps of a whole update by its iterations. `bytes_uploaded` go to a GPU in a step.
+//! `baseline_us_per_step` is the median of the paper's flow of data on the same block, pressed along the same way; `ratio` is that over `us_per_step`.
+//! `lattice_us_per_step` is that of the lattice on the same block, whose steps are as many substeps as are stable; `lattice_rtf` its tissue time by time.
 //! `cg_iterations` is the mean of those, over all solutions of a step; `true_residual` the largest share of a step's first residual that was left.
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
+mod baseline;
 #[path = "../common/mod.rs"]
 #[allow(dead_code, reason = "each bench uses a part")]
 mod common;

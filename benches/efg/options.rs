@@ -39,6 +39,14 @@ pub struct Options {
     #[arg(long, value_name = "S", default_value_t = 0.2)]
     pub seconds: f64,
 
+    /// Leave out what it is compared with, which takes its time where steps are long or stiffness varies
+    #[arg(long)]
+    pub no_baseline: bool,
+
+    /// Press the lattice of the same block too
+    #[arg(long)]
+    pub beside_lattice: bool,
+
     /// Print one JSON object per line instead of a table
     #[arg(long)]
     pub json: bool,
@@ -52,6 +60,11 @@ impl Options {
     /// Sizes.
     pub fn cells(&self) -> Vec<usize> {
         if self.cells.is_empty() { vec![1_000, 6_000, 80_000] } else { self.cells.clone() }
+    }
+
+    /// How many steps of a length are taken.
+    pub fn steps(&self, dt: f64) -> usize {
+        (self.seconds / dt).ceil().max(4.0) as usize
     }
 
     /// Lengths of a step.

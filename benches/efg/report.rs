@@ -31,6 +31,27 @@ pub struct Figure {
     pub allocations: u64,
     pub max_force_n: f64,
     pub contact_points: u32,
+    #[serde(flatten)]
+    pub compared: Option<Compared>,
+    #[serde(flatten)]
+    pub beside: Option<Beside>,
+}
+
+/// The lattice of the same block: a step of as many substeps.
+#[derive(Debug, Serialize)]
+pub struct Beside {
+    pub lattice_us_per_step: f64,
+    pub lattice_substeps: u32,
+    pub lattice_rtf: f64,
+}
+
+/// What the paper's flow took for the same.
+#[derive(Debug, Serialize)]
+pub struct Compared {
+    pub baseline: &'static str,
+    pub baseline_us_per_step: f64,
+    pub baseline_cg_iterations: f64,
+    pub ratio: f64,
 }
 
 /// A figure with where it was taken.
@@ -69,6 +90,11 @@ impl Report {
             "peak N",
             "points",
             "allocations",
+            "baseline µs/step",
+            "its iterations",
+            "ratio",
+            "lattice µs/step",
+            "its substeps",
         ]);
         Self { is_json, place, table, has_failed: false }
     }
@@ -80,6 +106,8 @@ impl Report {
             return;
         }
         let f = figure;
+        let of_lattice = |show: fn(&Beside) -> String| f.beside.as_ref().map_or_else(String::new, show);
+        let of_baseline = |show: fn(&Compared) -> String| f.compared.as_ref().map_or_else(String::new, show);
         self.table.add_row([
             f.scene.to_owned(),
             f.cells.to_string(),
@@ -97,6 +125,11 @@ impl Report {
             format!("{:.2}", f.max_force_n),
             f.contact_points.to_string(),
             f.allocations.to_string(),
+            of_baseline(|c| format!("{:.0}", c.baseline_us_per_step)),
+            of_baseline(|c| format!("{:.1}", c.baseline_cg_iterations)),
+            of_baseline(|c| format!("{:.1}", c.ratio)),
+            of_lattice(|b| format!("{:.0}", b.lattice_us_per_step)),
+            of_lattice(|b| b.lattice_substeps.to_string()),
         ]);
     }
 

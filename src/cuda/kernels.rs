@@ -12,7 +12,7 @@ use cudarc::driver::sys::{
 use flate2::read::ZlibDecoder;
 
 use super::device::Device;
-use super::layout::{CONTACT_SHARED_BYTES, efg_shared_bytes};
+use super::layout::{CONTACT_SHARED_BYTES, efg_block_bytes, efg_team_bytes};
 use crate::error::{Error, Result};
 use crate::model::lattice::BRICK_SLOTS;
 
@@ -77,6 +77,8 @@ struct Module {
 const SHARED_CARVEOUT: i32 = 9;
 /// How much of a processor's own memory blocks share. The same for all kernels, for a change between two of them takes time.
 const SHARED_PERCENT: i32 = 60;
+/// Bytes of that which blocks of the meshless kernel take beside those that they are given.
+const RESERVED_BYTES: u32 = 256;
 
 impl Module {
     fn load(device: &Arc<Device>, image: &[u8]) -> Result<Self> {
@@ -264,19 +266,24 @@ impl SurfaceKernels {
     }
 }
 
-/// A precision in which the meshless model runs on a GPU: its kernels, of which the first that a processor has memory for is taken, and the teams of threads in
-/// their blocks.
+/// A precision in which the meshless model runs on a GPU: its kernel, and the fewest and the most teams of threads in its blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Precision {
     pub number_bytes: usize,
-    pub kernels: [(&'static CStr, u32); 2],
+    pub kernel: &'static CStr,
+    pub teams: [u32; 2],
 }
 
 /// Single and double.
-pub const SINGLE: Precision =
-    Precision { number_bytes: 4, kernels: [(c"efg_single", 6), (c"efg_single_small", 4)] };
-pub const DOUBLE: Precision =
-    Precision { number_bytes: 8, kernels: [(c"efg_double", 4), (c"efg_double_small", 2)] };
+pub const SINGLE: Precision = Precision { number_bytes: 4, kernel: c"efg_single", teams: [4, 6] };
+pub const DOUBLE: Precision = Precision { number_bytes: 8, kernel: c"efg_double", teams: [2, 4] };
+
+impl Precision {
+    /// Bytes that a block of so many teams is given to share.
+    const fn shared_bytes(self, teams: u32) -> u32 {
+        (efg_block_bytes(self.number_bytes) + teams as usize * efg_team_bytes(self.number_bytes)) as u32
+    }
+}
 
 impl EfgKernels {
     /// Loads the kernels for a model of so many bricks.
@@ -287,14 +294,17 @@ impl EfgKernels {
     /// Loads what a driver of a CUDA version takes.
     fn load_as(version: i32, device: &Arc<Device>, precision: Precision, bricks: u32) -> Result<Self> {
         let [processors, most_bytes] = device.processors()?;
-        let bytes = |teams: u32| efg_shared_bytes(teams as usize, precision.number_bytes) as u32;
-        let (name, teams) =
-            precision.kernels.into_iter().find(|&(_, teams)| bytes(teams) <= most_bytes).ok_or_else(
-                || Error::Unsupported(format!("{} has too little memory in its processors", device.name())),
-            )?;
+        let [fewest, most] = precision.teams;
+        // As many as there is memory for.
+        let teams = (fewest..=most)
+            .rev()
+            .find(|&teams| precision.shared_bytes(teams) + RESERVED_BYTES <= most_bytes)
+            .ok_or_else(|| {
+                Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
+            })?;
         let module = Module::load(device, &EFG.of_version(version))?;
         Ok(Self {
-            step: module.function_together(name, bytes(teams))?,
+            step: module.function_together(precision.kernel, precision.shared_bytes(teams))?,
             // One beside those that work on bricks.
             blocks: processors.min(bricks + 1).max(2),
             threads: teams * BRICK_SLOTS as u32,
@@ -433,6 +443,13 @@ mod tests {
         let (_, declared) = kernels.iter().find(|(kernel, _)| *kernel == "contact").unwrap();
         assert!(*declared > 0, "it is found");
         assert!(*declared + CONTACT_SHARED_BYTES <= MOST_SHARED, "contact declares {declared} bytes");
+        for precision in [SINGLE, DOUBLE] {
+            let given = precision.shared_bytes(precision.teams[0]);
+            assert!(given + RESERVED_BYTES <= MOST_SHARED, "{:?} is given {given} bytes", precision.kernel);
+        }
+        for (kernel, declared) in kernels.iter().filter(|(kernel, _)| kernel.starts_with("efg_")) {
+            assert!(*declared <= RESERVED_BYTES, "{kernel} declares {declared} bytes");
+        }
     }
 
     #[test]

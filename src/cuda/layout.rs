@@ -540,7 +540,6 @@ pub struct EfgStep {
     pub is_paper: u32,
     pub only_forces: u32,
     pub substep: u32,
-    pub arrived: u32,
     pub step: Step,
 }
 
@@ -564,9 +563,12 @@ pub const PRESS_FIELDS: usize = 12;
 /// Most numbers that blocks sum up at once.
 pub const GRID_NUMBERS: usize = 4;
 
-/// Bytes that a block of the step's kernel shares, with so many teams and numbers of so many bytes.
-pub const fn efg_shared_bytes(teams: usize, number: usize) -> usize {
-    GRID_NUMBERS * 33 * 8 + (96 + 3780 * teams) * number
+/// Bytes that a block of the step's kernel shares, by those of a number, and those that each of its teams adds.
+pub const fn efg_block_bytes(number: usize) -> usize {
+    GRID_NUMBERS * 33 * 8 + 96 * number
+}
+pub const fn efg_team_bytes(number: usize) -> usize {
+    3780 * number
 }
 
 /// The meshless state and its system.
@@ -575,6 +577,7 @@ pub const fn efg_shared_bytes(teams: usize, number: usize) -> usize {
 pub struct Efg {
     pub bricks: u32,
     pub starts: u32,
+    pub row_count: u32,
     pub cell: f64,
     pub step: CUdeviceptr,
     pub laws: CUdeviceptr,
@@ -600,10 +603,18 @@ pub struct Efg {
     pub touched: CUdeviceptr,
     pub shares: CUdeviceptr,
     pub press: CUdeviceptr,
+    pub meetings: CUdeviceptr,
+    pub arrived: CUdeviceptr,
     pub partials: CUdeviceptr,
     pub seen: CUdeviceptr,
     pub is_settled: CUdeviceptr,
     pub near_tools: CUdeviceptr,
     pub started: CUdeviceptr,
+    pub row_cells: CUdeviceptr,
+    pub row_entries: CUdeviceptr,
+    pub row_starts: CUdeviceptr,
+    pub row_places: CUdeviceptr,
+    pub row_rotations: CUdeviceptr,
+    pub row_frames: CUdeviceptr,
     pub report: CUdeviceptr,
 }

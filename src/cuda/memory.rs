@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use cudarc::driver::sys::{CUdeviceptr, CUstream};
 
 use super::device::Device;
+use crate::cpu::efg::rows::{Cell, Entry, Place};
 use crate::error::Result;
 use crate::solver::statistics::Copied;
 
@@ -50,6 +51,13 @@ unsafe impl Plain for super::layout::Motion {}
 unsafe impl Plain for super::layout::EfgLaw {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Held {}
+
+// SAFETY: see above.
+unsafe impl<R: Plain> Plain for Cell<R> {}
+// SAFETY: see above.
+unsafe impl<R: Plain> Plain for Entry<R> {}
+// SAFETY: see above.
+unsafe impl Plain for Place {}
 
 /// A stream of work on a device: what is asked of it happens in order.
 #[derive(Debug)]

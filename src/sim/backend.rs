@@ -12,7 +12,7 @@ use crate::cuda::solver::CudaSolver;
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::solver::Solver;
-use crate::solver::method::{Method, Rows};
+use crate::solver::method::Method;
 
 /// Where a simulation shall run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,9 +76,6 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
     if desc.method == Method::Lattice && desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
-    }
-    if matches!(&desc.method, Method::Efg(efg) if efg.rows == Rows::All) {
-        return Err(Error::Unsupported("rows for all cells are computed on the processor alone".into()));
     }
     let device = Device::open(index)?;
     let info = device.info().clone();

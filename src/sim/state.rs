@@ -292,10 +292,6 @@ impl State {
     pub fn grasp(&mut self, id: ToolId, reach_m: f64) -> Result<usize> {
         self.refuse_if_failed()?;
         let index = self.tool_index(id)?;
-        if !self.solver.can_grasp() {
-            let why = "tools hold tissue of the meshless model on the processor alone as yet";
-            return Err(Error::Unsupported(why.into()));
-        }
         let tool = &self.tools[index];
         let Some(asked) = tool.stands else {
             return Err(Error::State("the tool stands nowhere: it has not been moved in a step".into()));

@@ -179,11 +179,6 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
-    /// Whether tools can hold nodes.
-    fn can_grasp(&self) -> bool {
-        true
-    }
-
     /// Back to rest.
     fn reset(&mut self);
 

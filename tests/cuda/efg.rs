@@ -11,7 +11,7 @@ use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{Backend, NodeField, Precision, Sim, SimDesc, SurfaceField, ToolPort};
 use palpate::solver::load::{Load, Region};
-use palpate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
+use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
 
 use super::gpu::has_gpu;
@@ -121,6 +121,104 @@ fn implicit_steps_are_those_of_the_processor() {
                     assert!(gpu.true_residual <= tolerance, "{what}: {}", gpu.true_residual);
                 }
             }
+        }
+    }
+}
+
+#[test]
+fn rows_of_all_cells_are_those_of_the_processor() {
+    if !has_gpu("rows_of_all_cells_are_those_of_the_processor") {
+        return;
+    }
+    let model = block(false);
+    for elasticity in [Elasticity::Corotated, Elasticity::Linear, Elasticity::StVenantKirchhoff] {
+        for (precision, tolerance, same) in SAME {
+            let desc = falling(EfgDesc { elasticity, rows: Rows::All, ..EfgDesc::default() });
+            let mut sims = simulations(&model, &desc, precision, tolerance);
+            let mut without = simulations(
+                &model,
+                &falling(EfgDesc { elasticity, ..EfgDesc::default() }),
+                precision,
+                tolerance,
+            );
+            let what = format!("rows {elasticity:?} {precision:?}");
+            let mut peaks = [0.0; 2];
+            for _ in 0..8 {
+                sims.iter_mut().chain(&mut without).for_each(|sim| sim.step().unwrap());
+            }
+            compare(&sims, &mut peaks, same, &what);
+            // And those of cells that the bricks know.
+            let [with, without] = [&sims[1], &without[1]].map(|sim| sim.nodes(NodeField::Displacement));
+            let found = difference(&with, &without) / peaks[0];
+            assert!(found < same[0], "{what}: {found:e}");
+            let [cpu, gpu, _] = sims.each_ref().map(Sim::statistics);
+            assert!((cpu.max_strain - gpu.max_strain).abs() < 1e-3 * cpu.max_strain, "{what}");
+            assert!((cpu.volume_ratio[0] - gpu.volume_ratio[0]).abs() < 1e-4, "{what}");
+        }
+    }
+}
+
+#[test]
+fn what_a_tool_holds_in_implicit_steps_goes_where_it_goes_and_pulls_as_on_the_processor() {
+    if !has_gpu("what_a_tool_holds_in_implicit_steps_goes_where_it_goes_and_pulls_as_on_the_processor") {
+        return;
+    }
+    let model = block(false);
+    for (precision, tolerance, _) in SAME {
+        // Alone; and while another tool presses beside it.
+        for is_alone in [true, false] {
+            let what = format!("held {precision:?}, alone {is_alone}");
+            let mut sims = simulations(&model, &falling(EfgDesc::default()), precision, tolerance);
+            let mut holders = sims.each_mut().map(|sim| sim.add_tool(&ToolDesc::sphere(CELL_M)).unwrap());
+            let id = holders.each_ref().map(ToolPort::id);
+            let mut pressers = sims
+                .each_mut()
+                .map(|sim| sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(7e-3) }).unwrap());
+            let mut step = |sims: &mut [Sim; 3], t: f64| {
+                let origin = place(&model, [7.0, 4.5, 8.2]);
+                let way = model.frame() * (Vec3::new(1e-3, 5e-4, 2e-3) * t);
+                let held =
+                    Pose::from_parts((origin + way).into(), Quat::from_scaled_axis(Vec3::z() * (0.2 * t)));
+                let lift = if is_alone { 0.05 } else { 1e-3 - 2e-3 * t };
+                let beside = place(&model, [3.0, 4.5, 7.0]) + model.frame() * Vec3::z() * (7e-3 + lift);
+                for i in 0..3 {
+                    holders[i].set_motion(&ToolMotion::at(held)).unwrap();
+                    let at = Pose::translation(beside.x, beside.y, beside.z);
+                    pressers[i].set_motion(&ToolMotion::at(at)).unwrap();
+                    sims[i].step().unwrap();
+                }
+                [&mut holders, &mut pressers].map(|tools| tools.each_mut().map(|tool| tool.force().wrench))
+            };
+            step(&mut sims, 0.0);
+            let held = [0, 1, 2].map(|i| sims[i].grasp(id[i], 2.5 * CELL_M).unwrap());
+            assert!(held[0] > 4 && held[0] == held[1], "{what}: {held:?}");
+            let mut peaks = [0.0; 2];
+            for round in 1..=20 {
+                let forces = step(&mut sims, f64::from(round) / 20.0);
+                if round < 10 {
+                    continue;
+                }
+                // The tool's pose turns what it holds in single precision.
+                compare(&sims, &mut peaks, [1e-4, 2e-3, 0.0], &what);
+                for [expected, found, again] in forces {
+                    assert_eq!(found, again, "{what}: the same GPU gives the same bits");
+                    let force = expected.force_n.norm();
+                    let apart = (expected.force_n - found.force_n).norm()
+                        + (expected.torque_n_m - found.torque_n_m).norm() / 7e-3;
+                    println!("{what}: {apart:e} of {force:e} N");
+                    assert!(apart <= 5e-3 * force, "{what}: {apart:e} of {force:e} N");
+                }
+            }
+            for i in 0..3 {
+                sims[i].release(id[i]).unwrap();
+            }
+            step(&mut sims, 1.0);
+            let forces = step(&mut sims, 1.0);
+            assert!(
+                forces[0].iter().all(|wrench| wrench.force_n == Vec3::zeros()),
+                "{what}: {:?}",
+                forces[0]
+            );
         }
     }
 }

@@ -166,7 +166,7 @@ impl<L: Lanes> Law<L, 3> for Forces<'_, L::Real> {
     }
 
     unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, source: &impl Source<L>) -> [L::Real; 3] {
-        let m = usize::from(rows.cell(place.row).material);
+        let m = rows.cell(place.row).material as usize;
         let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
         // SAFETY: as the caller promises.
         unsafe {
@@ -198,7 +198,7 @@ impl<L: Lanes> Law<L, 3> for Changes<'_, L::Real> {
     }
 
     unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, source: &impl Source<L>) -> [L::Real; 3] {
-        let m = usize::from(rows.cell(place.row).material);
+        let m = rows.cell(place.row).material as usize;
         let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
         // SAFETY: as the caller promises.
         unsafe {
@@ -260,7 +260,7 @@ impl<L: Lanes> Law<L, 6> for Diagonal<'_, L::Real> {
 
     unsafe fn give_one(&self, rows: &Table<L::Real>, place: Place, _: &impl Source<L>) -> [L::Real; 6] {
         let (cell, entry) = (rows.cell(place.row), rows.entry(place));
-        let m = usize::from(cell.material);
+        let m = cell.material as usize;
         let (mu, lambda) = (self.moduli.mu[m], self.moduli.lambda[m]);
         let dot = |a: [L::Real; 3], b: [L::Real; 3]| a[0].fma(b[0], a[1].fma(b[1], a[2].mul(b[2])));
         // SAFETY: as the caller promises.

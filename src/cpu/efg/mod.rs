@@ -6,7 +6,7 @@ mod gather;
 mod laws;
 pub(crate) mod press;
 pub mod route;
-mod rows;
+pub(crate) mod rows;
 pub mod solver;
 mod system;
 mod turn;

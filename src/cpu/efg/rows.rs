@@ -3,6 +3,8 @@
 //! A node gathers from all rows that it stands in, in their order, after what it receives from regular cells. Each of these is evaluated for it anew, so
 //! that no thread waits for another. That suits few cells, such as those beside a cut.
 
+use std::ops::Range;
+
 use super::super::lanes::{Lanes, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS};
 use super::gather::{Law, Source};
@@ -14,6 +16,7 @@ use crate::model::law::volume_change;
 
 /// A node in a row.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 pub struct Place {
     pub row: u32,
     pub entry: u32,
@@ -21,36 +24,38 @@ pub struct Place {
 
 /// A node's part in a row.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub struct Entry<R> {
-    pub slot: u32,
     /// ∇φ in 1/m.
     pub gradient: [R; 3],
     /// w / Σ w.
     pub share: R,
     /// Where it lies from the weighted mean of the row, in m.
     pub arm: [R; 3],
+    pub slot: u32,
 }
 
 /// A cell's constants.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(C)]
 pub struct Cell<R> {
-    length: u8,
-    pub material: u8,
     /// V in m³.
     pub volume: R,
     /// 8 V / h³: a regular cell has eight shares of ⅛.
     pub fill: R,
+    length: u32,
+    pub material: u32,
 }
 
 /// Rows as they are computed with.
 #[derive(Debug, Default)]
 pub struct Table<R> {
-    cells: Vec<Cell<R>>,
+    pub cells: Vec<Cell<R>>,
     /// `[row][ROW]`.
-    entries: Vec<Entry<R>>,
+    pub entries: Vec<Entry<R>>,
     /// Where each slot's part of `places` begins, and one more.
-    starts: Vec<u32>,
-    places: Vec<Place>,
+    pub starts: Vec<u32>,
+    pub places: Vec<Place>,
     /// Bit `row` is set where a node in that row of a brick stands in a row of a cell. Empty where there are no rows.
     touched: Vec<u16>,
 }
@@ -63,18 +68,18 @@ pub struct Motion<R> {
 }
 
 impl<R: Real> Table<R> {
-    /// Copies the batches of `rows` that changed. Gives the bytes that it copied.
-    pub fn upload(&mut self, rows: &mut RowTable, slots: usize, cell_m: f64) -> u64 {
+    /// Copies the batches of `rows` that changed, and says which.
+    pub fn upload(&mut self, rows: &mut RowTable, slots: usize, cell_m: f64) -> Vec<Range<usize>> {
         let changed = rows.take_changed();
         self.cells.resize(rows.len(), Cell::default());
         self.entries.resize(rows.len() * ROW, Entry::default());
         for row in changed.iter().cloned().flatten() {
             let from = rows.row(row);
             self.cells[row] = Cell {
-                length: from.nodes.len() as u8,
-                material: from.cell.material,
                 volume: R::splat(from.cell.volume * cell_m.powi(3)),
                 fill: R::splat(8.0 * from.cell.volume),
+                length: from.nodes.len() as u32,
+                material: from.cell.material.into(),
             };
             for n in 0..from.nodes.len() {
                 self.entries[row * ROW + n] = Entry {
@@ -85,11 +90,16 @@ impl<R: Real> Table<R> {
                 };
             }
         }
-        let copied: usize = changed.iter().map(ExactSizeIterator::len).sum();
-        if copied > 0 {
+        if !changed.is_empty() {
             self.list_places(slots);
         }
-        (copied * (size_of::<Cell<R>>() + ROW * size_of::<Entry<R>>())) as u64
+        changed
+    }
+
+    /// Bytes of batches of rows.
+    pub fn bytes_of(batches: &[Range<usize>]) -> u64 {
+        let rows: usize = batches.iter().map(ExactSizeIterator::len).sum();
+        (rows * (size_of::<Cell<R>>() + ROW * size_of::<Entry<R>>())) as u64
     }
 
     /// Which rows every node stands in.
@@ -130,7 +140,7 @@ impl<R: Real> Table<R> {
     }
 
     fn row(&self, row: usize) -> &[Entry<R>] {
-        &self.entries[row * ROW..row * ROW + usize::from(self.cells[row].length)]
+        &self.entries[row * ROW..row * ROW + self.cells[row].length as usize]
     }
 
     /// The cell of a row.

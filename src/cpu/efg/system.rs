@@ -137,7 +137,7 @@ impl<R: Real> System<R> {
     /// Copies rows that changed to where steps read them. Gives the bytes that it copied.
     pub fn upload(&mut self, bricks: &Bricks) -> u64 {
         let lattice = bricks.model.lattice();
-        self.tables.rows.upload(&mut self.rows, lattice.slot_count(), lattice.cell_m())
+        Table::<R>::bytes_of(&self.tables.rows.upload(&mut self.rows, lattice.slot_count(), lattice.cell_m()))
     }
 
     /// Cells that are not turned, and nothing that is not finite anywhere.
@@ -193,11 +193,7 @@ impl<R: Real> System<R> {
                 }
             }
         }
-        for row in (0..self.rows.len()).map(|row| self.rows.row(row)) {
-            for (&slot, phi) in row.nodes.iter().zip(row.phi) {
-                masses[slot as usize] += 8.0 * corner_kg(row.cell.material) * row.cell.volume * phi;
-            }
-        }
+        self.rows.add_masses(laws, &mut masses);
         for (octet, masses) in self.tables.mass.iter_mut().zip(masses.chunks_exact(8)) {
             *octet = Octet(std::array::from_fn(|lane| R::splat(masses[lane])));
         }

@@ -1,5 +1,6 @@
 //! The meshless model on a GPU: implicit steps by conjugate gradients, each step one kernel whose blocks are all at work at the same time.
 
+mod rows;
 pub mod solver;
 mod state;
 

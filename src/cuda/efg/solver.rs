@@ -25,10 +25,11 @@ use crate::cuda::told::Told;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
+use crate::model::efg::rows::RowTable;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
-use crate::solver::method::{EfgDesc, Elasticity, Scheme};
+use crate::solver::method::{EfgDesc, Elasticity, Rows, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -82,9 +83,13 @@ impl<R: Number> CudaEfgSolver<R> {
         let stream = Arc::new(Stream::new(device)?);
         let (lattice, body) = (model.lattice(), Body::of(model));
         let bricks = lattice.bricks().len();
+        let rows = match desc.rows {
+            Rows::Irregular => RowTable::default(),
+            Rows::All => RowTable::of_all(lattice)?,
+        };
         let kernels = EfgKernels::load(&stream.device, R::PRECISION, bricks as u32)?;
         let mut solver = Self {
-            state: State::new(model, &body, kernels.blocks, &stream)?,
+            state: State::new(model, &body, rows, kernels.blocks, &stream)?,
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
             contact: ContactSurface::new(model, &stream)?,
@@ -181,9 +186,14 @@ impl<R: Number> CudaEfgSolver<R> {
             self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, 1)?;
             let mut efg = self.state.on_device(&pass, self.report.device_at());
             let mut contact = self.contact.on_device(contact);
-            let (mut push, mut drive) = (outside.push, outside.drive);
-            let arguments =
-                &mut [pointer(&mut efg), pointer(&mut contact), pointer(&mut push), pointer(&mut drive)];
+            let outside::Plan { mut push, mut drive, mut hold, .. } = outside;
+            let arguments = &mut [
+                pointer(&mut efg),
+                pointer(&mut contact),
+                pointer(&mut push),
+                pointer(&mut drive),
+                pointer(&mut hold),
+            ];
             let EfgKernels { step, blocks, threads, .. } = self.kernels;
             step.launch(device, stream, blocks, threads, arguments)?;
         }
@@ -362,8 +372,9 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         for slot in lattice.slots().filter(|_| !forces.is_empty()) {
             let mass = lattice.node_mass(slot, |material| self.body.laws[usize::from(material)].corner_kg);
             let (flags, force) = (self.body.flags[slot as usize], vector(&forces, slot));
-            let free =
-                |axis: usize| if flags & (flag::FIX_X << axis) == 0 { force[axis] / mass } else { 0.0 };
+            let free = |axis: usize| {
+                if flags & (flag::FIX_X << axis | flag::GRASPED) == 0 { force[axis] / mass } else { 0.0 }
+            };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
         all
@@ -398,10 +409,6 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.contact.lose_track();
         self.mirror.replace(None);
         self.state.set_flags(&self.body.flags)
-    }
-
-    fn can_grasp(&self) -> bool {
-        false
     }
 
     fn reset(&mut self) {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use cudarc::driver::sys::CUdeviceptr;
 
 use super::Number;
+use super::rows::Rows;
 use crate::cuda::body::Body;
 use crate::cuda::layout::{self, EfgLaw, EfgStep, GRID_NUMBERS, Law, MAX_POINTS, MAX_ROW, MAX_SITES};
 use crate::cuda::layout::{PRESS_FIELDS, Pass, numbers, share};
@@ -12,6 +13,7 @@ use crate::cuda::memory::{Buffer, Stream};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
+use crate::model::efg::rows::RowTable;
 use crate::model::lattice::{BRICK_SLOTS, Lattice};
 use crate::model::law::CellLaw;
 
@@ -42,9 +44,12 @@ pub struct State<R> {
     touched: Buffer<R>,
     shares: Buffer<R>,
     press: Buffer<R>,
+    meetings: Buffer<u32>,
+    arrived: Buffer<u32>,
     partials: Buffer<f64>,
     seen: Buffer<[f32; 4]>,
     is_settled: Buffer<u32>,
+    rows: Rows<R>,
     started: Buffer<u64>,
 }
 
@@ -55,16 +60,24 @@ fn units<R: Number>(bricks: usize, numbers: usize, is_one: fn(usize) -> bool) ->
 }
 
 impl<R: Number> State<R> {
-    /// At rest, for a kernel of so many blocks.
-    pub fn new(model: &Model, body: &Body, blocks: u32, stream: &Arc<Stream>) -> Result<Self> {
+    /// At rest, for a kernel of so many blocks. Cells that have one of `rows` are none of the bricks' own: either all cells have, or none has.
+    pub fn new(
+        model: &Model,
+        body: &Body,
+        rows: RowTable,
+        blocks: u32,
+        stream: &Arc<Stream>,
+    ) -> Result<Self> {
         let lattice = model.lattice();
         let bricks = lattice.bricks().len();
         let fields = |numbers: usize| Buffer::zeros(stream, (bricks + 1) * numbers * BRICK_SLOTS);
         let neighbours: Vec<[u32; 27]> = lattice.surroundings().collect();
         // The cell whose lowest corner a node is. Behind the last brick lies the empty one.
+        let are_own = rows.is_empty();
         let words = lattice.words().iter().copied().chain([0; BRICK_SLOTS]);
-        let (cells, shown): (Vec<u8>, Vec<[f32; 4]>) =
-            words.map(|word| ((word >> 28) as u8, shown(Vec3::zeros(), word))).unzip();
+        let (cells, shown): (Vec<u8>, Vec<[f32; 4]>) = words
+            .map(|word| (if are_own { (word >> 28) as u8 } else { 0 }, shown(Vec3::zeros(), word)))
+            .unzip();
         let carriers = MAX_ROW * MAX_SITES;
         let [x, b, r, z] = [(); 4].map(|()| fields(numbers::VECTOR));
         let [p, w, s, ax] = [(); 4].map(|()| fields(numbers::VECTOR));
@@ -89,9 +102,12 @@ impl<R: Number> State<R> {
             touched: Buffer::zeros(stream, 3 * carriers)?,
             shares: Buffer::zeros(stream, carriers)?,
             press: Buffer::zeros(stream, PRESS_FIELDS * MAX_POINTS)?,
+            meetings: Buffer::zeros(stream, 1)?,
+            arrived: Buffer::zeros(stream, 1)?,
             partials: Buffer::zeros(stream, 2 * GRID_NUMBERS * blocks as usize)?,
             seen: Buffer::zeros(stream, blocks as usize)?,
             is_settled: Buffer::zeros(stream, 1)?,
+            rows: Rows::new(rows, lattice, stream)?,
             started: Buffer::zeros(stream, 1)?,
         };
         state.set_masses(lattice, &body.laws)?;
@@ -103,7 +119,8 @@ impl<R: Number> State<R> {
     pub fn turn_back(&self) -> Result<()> {
         let bricks = self.bricks as usize;
         self.rotations.write(0, &units(bricks, numbers::ROTATION, |n| n == 3))?;
-        self.frames.write(0, &units(bricks, numbers::FRAME, |n| n % 4 == 0))
+        self.frames.write(0, &units(bricks, numbers::FRAME, |n| n % 4 == 0))?;
+        self.rows.turn_back()
     }
 
     /// Back to rest.
@@ -117,12 +134,14 @@ impl<R: Number> State<R> {
 
     /// Other materials.
     pub fn set_masses(&self, lattice: &Lattice, laws: &[CellLaw; 16]) -> Result<()> {
-        let mut mass = vec![R::splat(0.0); self.bricks as usize * BRICK_SLOTS];
-        for slot in lattice.slots() {
-            let kg = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
-            mass[slot as usize] = R::splat(kg);
+        let mut kg = vec![0.0; self.bricks as usize * BRICK_SLOTS];
+        if self.rows.count() == 0 {
+            for slot in lattice.slots() {
+                kg[slot as usize] = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+            }
         }
-        self.mass.write(0, &mass)?;
+        self.rows.add_masses(laws, &mut kg);
+        self.mass.write(0, &kg.into_iter().map(R::splat).collect::<Vec<_>>())?;
         self.masses.write(0, &laws.map(|law| Law::of(&law)))
     }
 
@@ -182,6 +201,7 @@ impl<R: Number> State<R> {
         layout::Efg {
             bricks: self.bricks,
             starts: u32::from(pass.started != 0),
+            row_count: self.rows.count() as u32,
             cell: self.cell_m,
             step: self.step.at(),
             laws: self.laws.at(),
@@ -207,11 +227,19 @@ impl<R: Number> State<R> {
             touched: self.touched.at(),
             shares: self.shares.at(),
             press: self.press.at(),
+            meetings: self.meetings.at(),
+            arrived: self.arrived.at(),
             partials: self.partials.at(),
             seen: self.seen.at(),
             is_settled: self.is_settled.at(),
             near_tools: pass.near_tools,
             started: self.started.at(),
+            row_cells: self.rows.cells.at(),
+            row_entries: self.rows.entries.at(),
+            row_starts: self.rows.starts.at(),
+            row_places: self.rows.places.at(),
+            row_rotations: self.rows.rotations.at(),
+            row_frames: self.rows.frames.at(),
             report,
         }
     }
@@ -221,7 +249,12 @@ impl<R: Number> State<R> {
         let fields =
             [&self.mass, &self.heavy, &self.inverse, &self.rotations, &self.frames, &self.u, &self.v];
         let numbers = fields.into_iter().chain(&self.system).map(Buffer::bytes).sum::<u64>();
-        numbers + self.neighbours.bytes() + self.flags.bytes() + self.cells.bytes() + self.shown.bytes()
+        numbers
+            + self.rows.bytes()
+            + self.neighbours.bytes()
+            + self.flags.bytes()
+            + self.cells.bytes()
+            + self.shown.bytes()
     }
 }
 

@@ -31,7 +31,7 @@ const JUDGE_THREADS: u32 = 1024;
 pub struct Plan {
     pub push: layout::Push,
     pub drive: layout::Drive,
-    hold: layout::Hold,
+    pub hold: layout::Hold,
     /// Whether velocities are cleared whenever Σ m v² falls.
     pub settles: bool,
 }

@@ -9,6 +9,7 @@ use super::mls::{Shape, shape_of_nearest};
 use crate::error::{Error, Result};
 use crate::math::{Mat3, Vec3};
 use crate::model::lattice::Lattice;
+use crate::model::law::CellLaw;
 
 /// Nodes that a row has room for. Cells that random planes cut three times need 18 at most.
 pub const ROW: usize = 20;
@@ -135,6 +136,16 @@ impl RowTable {
             gradients: &self.gradients[places.clone()],
             shares: &self.shares[places.clone()],
             arms: &self.arms[places],
+        }
+    }
+
+    /// Adds to `masses` what the cells' materials give to the nodes that they see, by their slots, in kg.
+    pub fn add_masses(&self, laws: &[CellLaw; 16], masses: &mut [f64]) {
+        for row in (0..self.len()).map(|row| self.row(row)) {
+            let corner_kg = laws[usize::from(row.cell.material)].corner_kg;
+            for (&slot, phi) in row.nodes.iter().zip(row.phi) {
+                masses[slot as usize] += 8.0 * corner_kg * row.cell.volume * phi;
+            }
         }
     }
 

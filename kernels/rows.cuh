@@ -1,0 +1,95 @@
+// Cells with rows of their own: what they give to the nodes that they see, one node at a time. See src/cpu/efg/rows.rs for what it means.
+#pragma once
+#include "field.cuh"
+
+namespace efg_kernel {
+
+// How the nodes of a row move: the mean displacement gradient at its cell, and the weighted mean displacement.
+template <class R>
+struct RowMotion {
+    Matrix<R> gradient;
+    V3<R> mean;
+};
+
+template <class R>
+__device__ __forceinline__ const RowCell<R>& row_cell(const Efg& e, uint32_t row) {
+    return static_cast<const RowCell<R>*>(e.row_cells)[row];
+}
+template <class R>
+__device__ __forceinline__ const RowEntry<R>& row_entry(const Efg& e, uint32_t row, uint32_t entry) {
+    return static_cast<const RowEntry<R>*>(e.row_entries)[size_t(row) * ROW + entry];
+}
+template <class R>
+__device__ __forceinline__ Matrix<R>& row_frame(const Efg& e, uint32_t row) {
+    return static_cast<Matrix<R>*>(e.row_frames)[row];
+}
+
+template <class R>
+__device__ __forceinline__ RowMotion<R> row_motion(const Efg& e, uint32_t row, const void* field) {
+    RowMotion<R> motion{};
+    const uint32_t length = row_cell<R>(e, row).length;
+#pragma unroll 1
+    for (uint32_t n = 0; n < length; ++n) {
+        const RowEntry<R>& entry = row_entry<R>(e, row, n);
+        const V3<R> u = vector_of<R>(field, entry.slot);
+        motion.mean = plus(motion.mean, u, entry.share);
+        for (int j = 0; j < 3; ++j) {
+            motion.gradient.m[0][j] += u.x * entry.gradient[j];
+            motion.gradient.m[1][j] += u.y * entry.gradient[j];
+            motion.gradient.m[2][j] += u.z * entry.gradient[j];
+        }
+    }
+    return motion;
+}
+
+template <class R>
+__device__ __forceinline__ V3<R> product(const Matrix<R>& a, const R v[3]) {
+    const auto along = [&](int i) { return a.m[i][0] * v[0] + (a.m[i][1] * v[1] + a.m[i][2] * v[2]); };
+    return {along(0), along(1), along(2)};
+}
+
+// The force that a slot's node receives from all rows that it stands in, in their order: by stress(gradient, frame, moduli), and by what affine motion leaves of its own.
+template <class R, class Stress>
+__device__ __forceinline__ V3<R> force_of_rows(const Efg& e, uint32_t slot, const void* field, const Moduli<R>* moduli, Stress stress) {
+    V3<R> sum{0, 0, 0};
+    const V3<R> own = vector_of<R>(field, slot);
+#pragma unroll 1
+    for (uint32_t i = e.row_starts[slot]; i < e.row_starts[slot + 1]; ++i) {
+        const RowPlace place = e.row_places[i];
+        const RowCell<R>& cell = row_cell<R>(e, place.row);
+        const RowEntry<R>& entry = row_entry<R>(e, place.row, place.entry);
+        const Moduli<R> by = moduli[cell.material];
+        const RowMotion<R> motion = row_motion<R>(e, place.row, field);
+        const V3<R> pull = product(stress(motion.gradient, row_frame<R>(e, place.row), by), entry.gradient);
+        const V3<R> unseen = plus(plus(own, motion.mean, R(-1)), product(motion.gradient, entry.arm), R(-1));
+        sum = plus(plus(sum, pull, -cell.volume), unseen, -by.hourglass * cell.fill * entry.share);
+    }
+    return sum;
+}
+
+// What those resist to the node's own motion.
+template <class R>
+__device__ __forceinline__ Block<R> block_of_rows(const Efg& e, uint32_t slot, const Moduli<R>* moduli) {
+    Block<R> sum{};
+#pragma unroll 1
+    for (uint32_t i = e.row_starts[slot]; i < e.row_starts[slot + 1]; ++i) {
+        const RowPlace place = e.row_places[i];
+        const RowCell<R>& cell = row_cell<R>(e, place.row);
+        const RowEntry<R>& entry = row_entry<R>(e, place.row, place.entry);
+        const Moduli<R> by = moduli[cell.material];
+        const Matrix<R> a = row_frame<R>(e, place.row);
+        const R* const b = entry.gradient;
+        // As for a corner of a regular cell, with b = ∇φ.
+        const V3<R> t = product(a, b);
+        const R straight = cell.volume * by.mu * (b[0] * b[0] + (b[1] * b[1] + b[2] * b[2])), along = cell.volume * (by.lambda + by.mu);
+        const R arm = b[0] * entry.arm[0] + (b[1] * entry.arm[1] + b[2] * entry.arm[2]);
+        const R unseen = by.hourglass * cell.fill * entry.share * (R(1) - entry.share - arm);
+        const auto gram = [&](int i, int j) { return straight * (a.m[i][0] * a.m[j][0] + (a.m[i][1] * a.m[j][1] + a.m[i][2] * a.m[j][2])); };
+        sum.xx += gram(0, 0) + along * t.x * t.x + unseen, sum.xy += gram(0, 1) + along * t.x * t.y, sum.xz += gram(0, 2) + along * t.x * t.z;
+        sum.yy += gram(1, 1) + along * t.y * t.y + unseen, sum.yz += gram(1, 2) + along * t.y * t.z;
+        sum.zz += gram(2, 2) + along * t.z * t.z + unseen;
+    }
+    return sum;
+}
+
+}  // namespace efg_kernel

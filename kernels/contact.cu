@@ -424,7 +424,8 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             const uint32_t actives = __ballot_sync(mask, is_active) >> shift;
             if (is_active) w.c.active_loads[carrier.start + count + __popc(actives & ((1u << lane) - 1))] = {other, load.weight};
             count += __popc(actives);
-            reach += is_active ? fabsf(load.weight) : 0.0f;
+            // Every point on a site adds its impulse: there may be one for each tool.
+            reach += is_active ? fabsf(load.weight) * float(w.sites.first[other + 1] - w.sites.first[other]) : 0.0f;
         }
         for (int step = 1; step < LANES; step *= 2) reach += __shfl_xor_sync(mask, reach, step);
         if (lane > 0) continue;

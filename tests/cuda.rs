@@ -422,6 +422,35 @@ fn two_tools_and_a_reset_leave_no_trace() {
     assert_eq!(press(&mut sim), first, "a reset simulation is as good as new");
 }
 
+/// Sites in both balls have two points, each with an impulse of its own.
+#[test]
+fn two_balls_in_the_same_tissue_push_as_on_the_processor() {
+    if !has_gpu("two_balls_in_the_same_tissue_push_as_on_the_processor") {
+        return;
+    }
+    let model = block(0.45, 0.0);
+    let top = model.frame().transform_point(&(Vec3::new(11.0, 9.0, 13.0) * CELL_M).into()).coords;
+    let (outward, along) = (model.frame() * Vec3::z(), model.frame() * Vec3::x());
+    let [cpu, gpu] =
+        [(Backend::Cpu, Precision::Double), (GPU, Precision::Single)].map(|(backend, precision)| {
+            let mut sim =
+                Sim::new(model.clone(), &SimDesc { drag_per_s: 2e3, ..desc(backend, precision) }).unwrap();
+            let mut balls =
+                [0, 1].map(|_| sim.add_tool(&ToolDesc { friction: 0.3, ..ToolDesc::sphere(9e-3) }).unwrap());
+            for step in 0..40 {
+                for (ball, side) in balls.iter_mut().zip([-1e-3, 1e-3]) {
+                    let at = top + along * side + outward * (9e-3 - 1e-4 * f64::from(step));
+                    ball.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+                }
+                sim.step().unwrap();
+            }
+            // How two balls share a site is not determined; what both together push is.
+            balls.iter_mut().map(|ball| ball.force().wrench.force_n).sum::<Vec3>()
+        });
+    let apart = (cpu - gpu).norm();
+    assert!(cpu.dot(&outward) > 0.0 && apart < SAME_TIP_FORCE * cpu.norm(), "{cpu} against {gpu}");
+}
+
 #[test]
 fn double_precision_on_a_gpu_is_refused() {
     let double = SimDesc { backend: GPU, precision: Precision::Double, ..SimDesc::default() };

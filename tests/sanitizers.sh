@@ -53,7 +53,10 @@ programs() {
 
 sanitizers=(thread address)
 if (($#)); then
-    sanitizers=("$1")
+    case "$1" in
+        thread | address) sanitizers=("$1") ;;
+        *) echo "sanitizers.sh: there is no sanitizer $1; thread and address are" >&2 && exit 2 ;;
+    esac
     shift
 fi
 for sanitizer in "${sanitizers[@]}"; do sanitize "$sanitizer" "$@"; done

@@ -7,7 +7,7 @@ use super::ToolId;
 use super::haptics::Haptics;
 use super::hearing::{self, Buttons, Hearing};
 use crate::channel::latest::{Reader, Writer, latest};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::servo::contact_model::ContactModel;
 use crate::servo::{DeviceState, Output, Servo, ServoStatistics};
@@ -130,9 +130,13 @@ impl ToolPort {
     }
 
     /// The same for a servo loop of the host's own, which follows [`Self::contact_model`]: with when its device was there, in seconds on the host's clock, from any
-    /// start. Contact models then tell the time between solves by that clock, and which motion they go with; otherwise by the wall clock.
+    /// start. Contact models then tell the time between solves by that clock, and which motion they go with; by the wall clock where the stamp is NaN, or no later
+    /// than that of the last solve.
     pub fn set_motion_at(&mut self, motion: &ToolMotion, stamp_s: f64) -> Result<()> {
         motion.check()?;
+        if stamp_s.is_infinite() {
+            return Err(Error::argument("a stamp is a time in s, or NaN"));
+        }
         self.asked.publish(Some(Asked { motion: *motion, stamp_s }));
         Ok(())
     }

@@ -261,7 +261,7 @@ impl ContactSurface {
         }
     }
 
-    /// No node has moved further than this since the last call.
+    /// No node has moved further than this since the last call, but for the rounding of its displacement.
     fn travel(&mut self, distance: f64) {
         self.near.travel(distance);
         self.awake.travel(distance);

@@ -48,7 +48,8 @@
  *       plp_model_destroy(model);
  *   }
  *
- * Statuses below 0 are errors: no output was written, and plp_last_error() has a sentence about it. SI units;
+ * Statuses below 0 are errors: no output was written, unless a function says otherwise, and plp_last_error()
+ * has a sentence about it, but for functions marked @rt: there plp_status_name() has a few words. SI units;
  * right-handed frames; quaternions are x, y, z, w; strings are UTF-8. Pointers must not be NULL unless marked
  * @nullable. Functions are marked:
  *
@@ -140,7 +141,8 @@
 /// A bit of plp_model_desc.fix_faces: the high z face.
 #define PLP_FACE_Z_HIGH 32
 
-/// A surface is extracted, smoothly, from the labels.
+/// A surface is extracted from the labels and smoothed: it runs within half a cell of their border, which it
+/// does not follow exactly. Where that matters, give a mesh.
 #define PLP_SURFACE_LABELS 0
 
 /// A surface is a mesh in memory.
@@ -307,8 +309,8 @@ typedef struct {
     double poisson;
     /// Density in kg/m^3, 1 to 30,000.
     double density_kg_m3;
-    /// Stiffness-proportional damping in seconds, 0 to 1: a spring of stiffness k resists with damping_s * k
-    /// times its rate of length.
+    /// Stiffness-proportional damping in seconds, 0 (as in presets) to 1: a spring of stiffness k resists with
+    /// damping_s * k times its rate of length. It shortens the stable substep.
     double damping_s;
     /// A name for tables and pictures, UTF-8, ended by NUL.
     char name[64];
@@ -393,7 +395,7 @@ typedef struct {
     uint32_t reserved;
 } plp_fix;
 
-/// Where a render surface comes from. A zeroed one is the boundary of everything that is not empty.
+/// Where a render surface comes from. A zeroed one is the smoothed boundary of everything that is not empty.
 typedef struct {
     /// PLP_SURFACE_LABELS, PLP_SURFACE_MESH or PLP_SURFACE_FILE; it says which of the fields below are read.
     uint32_t kind;
@@ -506,7 +508,8 @@ typedef struct {
     double cell_m;
     /// The model frame: axes along the cells, origin at the grid's lowest corner.
     plp_pose frame;
-    /// Lowest corner of the grid's bounding box, world axes, metres.
+    /// Lowest corner of the grid's bounding box, world axes, metres. Smoothed surfaces may reach half a cell
+    /// beyond it.
     double bounds_min_m[3];
     /// Highest corner.
     double bounds_max_m[3];
@@ -1332,8 +1335,8 @@ plp_status plp_sim_get_energy(const plp_sim *sim, plp_energy *energy, uint32_t e
 plp_status plp_tool_desc_init(plp_tool_desc *desc, uint32_t desc_size);
 
 /// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose, which puts it there at
-/// once: start outside the tissue. The tool is the caller's, to be given to plp_tool_destroy, before or after
-/// the simulation.
+/// once: start outside the tissue, whose skin plp_sim_pick finds. The tool is the caller's, to be given to
+/// plp_tool_destroy, before or after the simulation.
 ///
 /// @thread owner
 plp_status plp_tool_create(plp_sim *sim, const plp_tool_desc *desc, plp_tool **tool);

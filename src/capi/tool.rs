@@ -54,8 +54,8 @@ pub unsafe extern "C" fn plp_tool_desc_init(desc: *mut plp_tool_desc, desc_size:
 }
 
 /// Adds a tool to a simulation. It touches nothing until its first plp_tool_set_pose, which puts it there at
-/// once: start outside the tissue. The tool is the caller's, to be given to plp_tool_destroy, before or after
-/// the simulation.
+/// once: start outside the tissue, whose skin plp_sim_pick finds. The tool is the caller's, to be given to
+/// plp_tool_destroy, before or after the simulation.
 ///
 /// @thread owner
 #[unsafe(no_mangle)]

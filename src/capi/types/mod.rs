@@ -123,8 +123,8 @@ pub struct plp_material {
     pub poisson: f64,
     /// Density in kg/m^3, 1 to 30,000.
     pub density_kg_m3: f64,
-    /// Stiffness-proportional damping in seconds, 0 to 1: a spring of stiffness k resists with damping_s * k
-    /// times its rate of length.
+    /// Stiffness-proportional damping in seconds, 0 (as in presets) to 1: a spring of stiffness k resists with
+    /// damping_s * k times its rate of length. It shortens the stable substep.
     pub damping_s: f64,
     /// A name for tables and pictures, UTF-8, ended by NUL.
     pub name: [c_char; 64],

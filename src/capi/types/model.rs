@@ -88,14 +88,15 @@ pub const PLP_FACE_Z_LOW: u32 = 16;
 /// A bit of plp_model_desc.fix_faces: the high z face.
 pub const PLP_FACE_Z_HIGH: u32 = 32;
 
-/// A surface is extracted, smoothly, from the labels.
+/// A surface is extracted from the labels and smoothed: it runs within half a cell of their border, which it
+/// does not follow exactly. Where that matters, give a mesh.
 pub const PLP_SURFACE_LABELS: u32 = 0;
 /// A surface is a mesh in memory.
 pub const PLP_SURFACE_MESH: u32 = 1;
 /// A surface is a mesh file: OBJ, STL or PLY.
 pub const PLP_SURFACE_FILE: u32 = 2;
 
-/// Where a render surface comes from. A zeroed one is the boundary of everything that is not empty.
+/// Where a render surface comes from. A zeroed one is the smoothed boundary of everything that is not empty.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct plp_surface_source {
@@ -241,7 +242,8 @@ pub struct plp_model_info {
     pub cell_m: f64,
     /// The model frame: axes along the cells, origin at the grid's lowest corner.
     pub frame: plp_pose,
-    /// Lowest corner of the grid's bounding box, world axes, metres.
+    /// Lowest corner of the grid's bounding box, world axes, metres. Smoothed surfaces may reach half a cell
+    /// beyond it.
     pub bounds_min_m: [f64; 3],
     /// Highest corner.
     pub bounds_max_m: [f64; 3],

@@ -42,6 +42,7 @@ pub mod capi;
 pub mod channel;
 pub mod cpu;
 pub mod cuda;
+pub mod cut;
 pub mod error;
 pub mod log;
 pub mod math;

@@ -1,0 +1,5 @@
+//! Cutting: what a blade's way does to the topology of a lattice. Backend-free.
+
+pub mod cell;
+pub mod sweep;
+pub mod topology;

@@ -108,7 +108,7 @@ impl<R: Real> Nodes<R> {
     }
 }
 
-/// The bricks of a model as the kernel walks them.
+/// The bricks of a model as the kernel walks them, and behind them loose ones, which hold the copies of nodes that cuts make and touch no other brick.
 #[derive(Debug)]
 pub struct Bricks {
     /// The model whose bricks these are.
@@ -123,10 +123,15 @@ pub struct Bricks {
 }
 
 impl Bricks {
-    /// Neighbours and row masks of a model's bricks.
-    pub fn new(model: Arc<Model>) -> Self {
+    /// Neighbours and row masks of a model's bricks, and so many loose ones.
+    pub fn new(model: Arc<Model>, loose: usize) -> Self {
         let lattice = model.lattice();
-        let neighbours = lattice.surroundings().collect();
+        let own = lattice.bricks().len() as u32;
+        let count = own + loose as u32;
+        // The empty brick comes behind the loose ones.
+        let at_home = |around: [u32; 27]| around.map(|brick| if brick == own { count } else { brick });
+        let alone = |brick: u32| std::array::from_fn(|n| if n == 13 { brick } else { count });
+        let neighbours = lattice.surroundings().map(at_home).chain((own..count).map(alone)).collect();
         let rows = lattice
             .words()
             .chunks_exact(BRICK_SLOTS)
@@ -134,9 +139,9 @@ impl Bricks {
                 let holds = |row: &[u32]| row.iter().any(|&word| word != 0);
                 brick.chunks_exact(8).enumerate().fold(0, |mask, (r, row)| mask | u16::from(holds(row)) << r)
             })
-            .chain([0])
+            .chain(std::iter::repeat_n(0, loose + 1))
             .collect();
-        let empty = [0; BRICK_SLOTS];
+        let empty = std::iter::repeat_n(0, (loose + 1) * BRICK_SLOTS);
         let cells = lattice.words().iter().map(|word| (word >> 28) as u8).chain(empty).collect();
         Self { neighbours, rows, cells, model }
     }
@@ -144,6 +149,17 @@ impl Bricks {
     /// Number of bricks.
     pub fn count(&self) -> usize {
         self.neighbours.len()
+    }
+
+    /// Number of slots: 128 for each brick.
+    pub fn slot_count(&self) -> usize {
+        self.count() * BRICK_SLOTS
+    }
+
+    /// Notes that a slot of a loose brick holds a node.
+    pub fn hold(&mut self, slot: u32) {
+        let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+        self.rows[brick] |= 1 << (local / 8);
     }
 
     /// The bricks around one that are there, itself among them.

@@ -81,7 +81,7 @@ impl<R: CpuReal> CpuSolver<R> {
     pub fn new(model: &Arc<Model>, threads: usize) -> Result<Self> {
         let lattice = model.lattice();
         let tables = LawTables::<R>::new(model.laws(), lattice.cell_m());
-        let bricks = Bricks::new(model.clone());
+        let bricks = Bricks::new(model.clone(), 0);
         let count = bricks.count();
         let mut core = Core {
             flags: lattice.flags().to_vec(),

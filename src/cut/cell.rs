@@ -86,6 +86,18 @@ pub struct Piece {
     pub centroid: Vec3,
 }
 
+impl Piece {
+    /// Trilinear weights of the cell's corners at the centroid.
+    pub fn shares(&self) -> [f64; 8] {
+        std::array::from_fn(|corner| {
+            let along = |axis: usize| {
+                if corner >> axis & 1 == 1 { self.centroid[axis] } else { 1.0 - self.centroid[axis] }
+            };
+            along(0) * along(1) * along(2)
+        })
+    }
+}
+
 /// A triangle of a wall between two pieces. It faces the first: its corners run counter-clockwise seen from there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {

@@ -10,6 +10,8 @@ use crate::model::lattice::{BRICK_SLOTS, Lattice};
 
 /// How far outside a triangle, as a share of its size, a crossing still counts: triangles that share an edge leave no gap.
 const GAP: f64 = 1e-9;
+/// Where the blade is taken to be beside where it is, in cells: so it passes every node on one side, though it be drawn through a layer of them.
+const BESIDE: Vec3 = Vec3::new(5.3e-7, 7.1e-7, 6.1e-7);
 
 /// A blade's edge during one step: a polyline at its start and at its end, m, model frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,6 +38,7 @@ impl Sweep {
         nodes: &impl Moving,
         is_there: impl Fn(LatticeEdge) -> bool,
     ) -> Vec<(LatticeEdge, f64)> {
+        let beside = BESIDE * lattice.cell_m();
         let all = || self.from.iter().chain(&self.to);
         let Some(first) = all().next() else { return Vec::new() };
         let (low, high) = all().fold((*first, *first), |(low, high), p| (low.inf(p), high.sup(p)));
@@ -45,14 +48,15 @@ impl Sweep {
                 if lattice.words()[slot as usize] == 0 {
                     continue;
                 }
-                let a = nodes.to(slot);
+                let a = nodes.to(slot) - beside;
                 let node = lattice.node_of(slot);
                 for axis in 0..3 {
                     let mut beyond = node;
                     beyond[axis] += 1;
                     let Some(other) = lattice.slot(beyond) else { continue };
-                    let b = nodes.to(other);
-                    let moved = 0.5 * (a - nodes.from(slot) + b - nodes.from(other));
+                    let b = nodes.to(other) - beside;
+                    let moved =
+                        0.5 * (nodes.to(slot) - nodes.from(slot) + nodes.to(other) - nodes.from(other));
                     let room = moved.abs();
                     let is_near = (0..3)
                         .all(|c| a[c].max(b[c]) >= low[c] - room[c] && a[c].min(b[c]) <= high[c] + room[c]);

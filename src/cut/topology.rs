@@ -9,6 +9,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use super::cell::{Crossings, EDGES, Partition, Piece, Wall, divide};
 use crate::error::{Error, Result};
+use crate::math::Vec3;
 use crate::model::lattice::Lattice;
 
 /// Least volume of a piece, as a share of its cell: what is thinner weighs and resists as much, at its neighbour's expense.
@@ -32,6 +33,11 @@ pub struct HungPiece {
     pub piece: Piece,
     /// Slots of the cell's eight nodes, as this piece sees them; corner c is at offset `(c & 1, c >> 1 & 1, c >> 2 & 1)`.
     pub nodes: [u32; 8],
+}
+
+/// A whole cell as one piece.
+pub fn whole(corners: [u32; 8]) -> HungPiece {
+    HungPiece { piece: Piece { corners: 0xff, volume: 1.0, centroid: Vec3::repeat(0.5) }, nodes: corners }
 }
 
 /// A cell that is no longer whole.
@@ -132,6 +138,13 @@ impl Topology {
     /// The node of the lattice that a slot is, or is a copy of.
     pub fn origin(&self, slot: u32) -> u32 {
         if slot < self.first_copy { slot } else { self.copies[(slot - self.first_copy) as usize] }
+    }
+
+    /// Whether there is tissue along an edge, not cut yet.
+    pub fn can_cut(&self, lattice: &Lattice, edge: LatticeEdge) -> bool {
+        !self.crossings.contains_key(&edge)
+            && cells_around(lattice, lattice.node_of(edge.slot))
+                .any(|(_, corner)| corner >> edge.axis & 1 == 0)
     }
 
     /// Where an edge is cut, as a share of its length from its lower node.
@@ -356,7 +369,6 @@ fn keep_volumes(pieces: &mut [Piece]) {
 mod tests {
     use super::*;
     use crate::cut::sweep::share;
-    use crate::math::Vec3;
     use crate::noise::Noise;
 
     const H: f64 = 2e-3;

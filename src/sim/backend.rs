@@ -66,8 +66,12 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
     let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
         (Method::Lattice, Precision::Single) => Box::new(CpuSolver::<f32>::new(model, threads)?),
         (Method::Lattice, Precision::Double) => Box::new(CpuSolver::<f64>::new(model, threads)?),
-        (Method::Efg(efg), Precision::Single) => Box::new(EfgSolver::<f32>::new(model, efg, threads)?),
-        (Method::Efg(efg), Precision::Double) => Box::new(EfgSolver::<f64>::new(model, efg, threads)?),
+        (Method::Efg(efg), Precision::Single) => {
+            Box::new(EfgSolver::<f32>::new(model, efg, threads, desc.cut_nodes)?)
+        }
+        (Method::Efg(efg), Precision::Double) => {
+            Box::new(EfgSolver::<f64>::new(model, efg, threads, desc.cut_nodes)?)
+        }
     };
     let device = format!("CPU, {threads} thread{}", if threads == 1 { "" } else { "s" });
     Ok((solver, Place { backend: Backend::Cpu, device, fallback }))

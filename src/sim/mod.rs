@@ -10,6 +10,7 @@
 
 mod backend;
 mod body;
+mod cut;
 mod drive;
 mod event;
 mod haptics;
@@ -27,6 +28,7 @@ use std::time::Instant;
 use parking_lot::Mutex;
 
 pub use self::backend::{Backend, Place};
+pub use self::cut::Part;
 pub use self::drive::{Hook, ThreadDesc};
 pub use self::event::Event;
 pub use self::latency::Latency;
@@ -84,6 +86,8 @@ pub struct SimDesc {
     pub drag_per_s: f64,
     /// Whether quiet bricks of nodes fall asleep and stay as anchors.
     pub sleeping: bool,
+    /// Room for the copies of nodes that cuts make; with 0 the tissue cannot be cut. A cut through a cell takes four to eight.
+    pub cut_nodes: usize,
 }
 
 impl Default for SimDesc {
@@ -99,6 +103,7 @@ impl Default for SimDesc {
             rest_under_gravity: true,
             drag_per_s: 5.0,
             sleeping: true,
+            cut_nodes: 0,
         }
     }
 }
@@ -328,6 +333,30 @@ impl Sim {
     /// Has a tool let go of what it holds. Gives how many nodes that were.
     pub fn release(&mut self, tool: ToolId) -> Result<usize> {
         self.with(|state| state.release_tissue(tool))
+    }
+
+    /// Cuts what the edge of a blade sweeps on its way from one polyline to another, world frame, in m: the first point to the first, and so on. The tissue is taken
+    /// as it was at the last cut, and as it is now, so that a blade that sweeps on from where it was leaves no gap. Gives how many cells were cut through.
+    ///
+    /// A cell that is crossed in part is whole until the blade, now or later, has come through. Where there is no room for the nodes that a cut takes
+    /// ([`SimDesc::cut_nodes`]) nothing is cut.
+    pub fn cut(&mut self, from: &[Vec3], to: &[Vec3]) -> Result<usize> {
+        if from.len() != to.len() || from.len() < 2 {
+            return Err(Error::argument(
+                "the edge of a blade has two points or more, as many at the end of its way as at the start",
+            ));
+        }
+        for &point in from.iter().chain(to) {
+            if !point.iter().all(|x| x.abs() <= FAR_M) {
+                return Err(Error::argument(format!("a blade must stay within {FAR_M} m of the origin")));
+            }
+        }
+        self.with(|state| state.cut(from, to))
+    }
+
+    /// The parts that cuts have left, the largest first.
+    pub fn parts(&self) -> Vec<Part> {
+        self.with(|state| state.parts())
     }
 
     /// Adds a load that acts until it is removed.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::body::Body;
+use super::cut::Cuts;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -12,9 +13,11 @@ use super::reach::reached;
 use super::tool_port::{self, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
+use crate::cut::cell::Piece;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
+use crate::model::law::CellLaw;
 use crate::model::material::Material;
 use crate::model::{Fix, Model, efg, energy};
 use crate::servo::device::DeviceDesc;
@@ -43,7 +46,7 @@ const MAX_TOUCHED: usize = 1024;
 pub(super) struct State {
     pub model: Arc<Model>,
     pub solver: Box<dyn Solver>,
-    desc: SimDesc,
+    pub(super) desc: SimDesc,
     rest_gravity: Vec3,
     tools: Vec<ToolEnd>,
     load_ids: Vec<LoadId>,
@@ -51,7 +54,7 @@ pub(super) struct State {
     /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
     regions: BTreeMap<u16, (Pose, Pose)>,
     next_id: u64,
-    body: Body,
+    pub(super) body: Body,
     report: StepReport,
     statistics: Statistics,
     pub latency: Latency,
@@ -69,6 +72,7 @@ pub(super) struct State {
     touched: Vec<Contact>,
     events: Events,
     moved_regions: Vec<RegionStep>,
+    pub(super) cuts: Option<Cuts>,
 }
 
 impl State {
@@ -104,6 +108,7 @@ impl State {
             sums: Vec::with_capacity(MAX_TOOLS),
             touched: Vec::with_capacity(MAX_TOUCHED),
             events,
+            cuts: None,
             model,
         };
         let needed = state.substeps_needed();
@@ -383,18 +388,17 @@ impl State {
     }
 
     pub fn energy(&mut self) -> Energy {
-        let lattice = self.model.lattice();
         let laws = &self.body.laws;
+        let masses = self.masses();
         // Velocities of the lattice lag by half a substep.
         let half = if self.desc.method == Method::Lattice { 0.5 * self.statistics.substep_s } else { 0.0 };
         let gravity = self.gravity();
         let accelerations = if half > 0.0 { self.solver.accelerations() } else { Vec::new() };
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
-        for slot in lattice.slots() {
-            let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
+        for (slot, mass) in masses {
             // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
-            let flags = self.body.flags[slot as usize];
+            let flags = self.body.flags[self.origin(slot) as usize];
             let a = accelerations.get(slot as usize).map_or(Vec3::zeros(), |a| a + gravity);
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
@@ -402,11 +406,17 @@ impl State {
             kinetic_j += 0.5 * mass * v.norm_squared();
             gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
         }
-        let u = |slot| self.solver.displacement(slot);
-        let elastic_j = match self.desc.method {
-            Method::Lattice => energy::elastic_j(lattice, laws, u),
-            Method::Efg(desc) => efg::energy::elastic_j(lattice, laws, desc.elasticity, u),
+        let h = self.model.lattice().cell_m();
+        let cell_j = |law: &CellLaw, piece: &Piece, u: &[Vec3; 8]| match self.desc.method {
+            Method::Lattice => energy::cell_j(law, h, u),
+            Method::Efg(desc) => efg::energy::cell_j(law, h, desc.elasticity, piece.centroid, u),
         };
+        let hung = self.hung();
+        let elastic = hung.iter().map(|(material, hung)| {
+            let u = hung.nodes.map(|slot| self.solver.displacement(slot));
+            hung.piece.volume * cell_j(&laws[usize::from(*material)], &hung.piece, &u)
+        });
+        let elastic_j = elastic.sum();
         Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
     }
 

@@ -152,6 +152,11 @@ impl Topology {
         self.crossings.get(&edge).copied()
     }
 
+    /// The edges that are cut, and where.
+    pub fn crossings(&self) -> impl Iterator<Item = (LatticeEdge, f64)> + '_ {
+        self.crossings.iter().map(|(&edge, &at)| (edge, at))
+    }
+
     /// Cuts edges, at shares of their lengths from their lower nodes. Those that are cut already stay as they are.
     ///
     /// Fails when there is no room for the copies that this takes; nothing is cut then.

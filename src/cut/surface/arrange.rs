@@ -7,9 +7,6 @@ use super::jitter::{Passage, Tie, above, jitter, passage};
 use super::walls::Walls;
 use crate::math::Vec3;
 
-/// Farther than a cell's walls reach beyond it for the jitter, in cells.
-const MARGIN: f64 = 1e-6;
-
 /// A point where the surface and a wall meet.
 pub struct Meeting {
     /// Where it is at rest, m.
@@ -109,16 +106,8 @@ impl Meeter<'_> {
         let (walls, outer) = (self.walls, self.outer);
         for t in 0..outer.triangles.len() as u32 {
             let (low, high) = bounds(outer.triangles[t as usize].map(|v| outer.positions[v as usize]));
-            let first = low.map(|x| (x / cell_m - MARGIN).floor() as i32);
-            let last = high.map(|x| (x / cell_m + MARGIN).floor() as i32);
-            for k in first.z..=last.z {
-                for j in first.y..=last.y {
-                    for i in first.x..=last.x {
-                        for w in walls.of_cell.get(&[i, j, k]).cloned().into_iter().flatten() {
-                            self.meet(t, w as u32)?;
-                        }
-                    }
-                }
+            for w in walls.near(&low, &high, cell_m) {
+                self.meet(t, w as u32)?;
             }
         }
         Ok(())

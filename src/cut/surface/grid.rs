@@ -100,7 +100,7 @@ impl<'a> Grid<'a> {
     ) -> Self {
         let components = Components::new(lattice, topology);
         let mut grid = Self { lattice, topology, margin: HashMap::new(), parents: HashMap::new(), components };
-        let nodes = grid.nodes_near_cuts(reach);
+        let nodes = grid.nodes_near_cuts(beyond, reach);
         let islands = grid.find_parents(&nodes, beyond);
         let mut parted: HashMap<(u32, u32), bool> = HashMap::new();
         for &low in &nodes {
@@ -167,8 +167,8 @@ impl<'a> Grid<'a> {
         self.components.of(a) == self.components.of(b)
     }
 
-    /// Nodes beside empty cells, near the cells that are divided.
-    fn nodes_near_cuts(&self, reach: usize) -> BTreeSet<GridNode> {
+    /// Nodes beside empty cells, near the edges that are cut.
+    fn nodes_near_cuts(&self, beyond: &HashMap<GridEdge, f64>, reach: usize) -> BTreeSet<GridNode> {
         let corners = |slot: u32| {
             let at = node_of(self.lattice, slot);
             (0..8).map(move |corner| corner_node(at, corner))
@@ -180,6 +180,7 @@ impl<'a> Grid<'a> {
         let starts = self.topology.cells().into_iter().flat_map(|(slot, _)| corners(slot));
         let mut nodes: BTreeSet<GridNode> = starts
             .chain(self.topology.crossings().flat_map(ends))
+            .chain(beyond.keys().flat_map(|&(low, axis)| [low, step(low, axis, 1)]))
             .filter(|&node| is_outer(self.lattice, node))
             .collect();
         let mut front: Vec<GridNode> = nodes.iter().copied().collect();

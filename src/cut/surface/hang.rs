@@ -33,9 +33,11 @@ impl Hanger<'_> {
     pub fn rehung(&self, row: &Row, at: Vec3) -> Result<Option<(Row, u8)>, Tie> {
         let cell: GridNode = (at / self.lattice.cell_m()).map(|x| x.floor() as i32).into();
         let is_host_divided = self.topology.cell(row.nodes[0]).is_some();
-        let walls = self.walls.of_cell.get(&cell).cloned();
-        if !is_host_divided && walls.is_none() {
-            return Ok(None);
+        if !is_host_divided && !self.walls.of_cell.contains_key(&cell) {
+            let node: GridNode = (at / self.lattice.cell_m()).map(|x| x.round() as i32).into();
+            if self.grid.parent(node).is_none_or(|parent| self.grid.are_connected(parent, row.nodes[0])) {
+                return Ok(None);
+            }
         }
         let nearest = |corner: &usize| {
             let node = Vec3::from(corner_node(cell, *corner).map(f64::from)) * self.lattice.cell_m();
@@ -44,7 +46,7 @@ impl Hanger<'_> {
         let mut corners: Vec<usize> = (0..8).filter(|&c| self.grid.parent(corner_node(cell, c)).is_some()).collect();
         corners.sort_by(|a, b| nearest(a).total_cmp(&nearest(b)));
         for corner in corners {
-            if self.sees(walls.clone().unwrap_or(0..0), at, corner_node(cell, corner))? {
+            if self.sees(at, corner_node(cell, corner))? {
                 let parent = self.grid.parent(corner_node(cell, corner)).expect("corners have parents");
                 if !is_host_divided && self.grid.are_connected(parent, row.nodes[0]) {
                     return Ok(None);
@@ -55,10 +57,12 @@ impl Hanger<'_> {
         Err(Tie)
     }
 
-    fn sees(&self, walls: std::ops::Range<usize>, at: Vec3, node: GridNode) -> Result<bool, Tie> {
+    /// Whether no wall is between a point and a node. On a grid's plane a wall's edge may be beside both by next to nothing: walls of all cells that meet there count.
+    fn sees(&self, at: Vec3, node: GridNode) -> Result<bool, Tie> {
         let node = Vec3::from(node.map(f64::from)) * self.lattice.cell_m();
-        for wall in &self.walls.triangles[walls] {
-            if passage(wall.corners.map(|p| self.walls.beside[p as usize]), at, node)?.is_some() {
+        for w in self.walls.near(&at.inf(&node), &at.sup(&node), self.lattice.cell_m()) {
+            let wall = self.walls.triangles[w].corners.map(|p| self.walls.beside[p as usize]);
+            if passage(wall, at, node)?.is_some() {
                 return Ok(false);
             }
         }

@@ -197,3 +197,177 @@ fn a_plane_leaves_two_closed_parts_with_their_exact_volumes_and_flat_walls() {
         assert!((areas[0] - areas[1]).abs() < 1e-12 * areas[0] && areas[0] > 0.0);
     }
 }
+
+#[test]
+fn a_slit_leaves_one_closed_part_whose_walls_meet_at_the_front() {
+    for is_beyond in [true, false] {
+        for depth in [3.0, 4.4, 5.1, 7.7] {
+            let mut body = ball();
+            // From outside of the ball at x < 0 to x = depth.
+            let (y, tilt) = (4.7, 0.11);
+            let at = |x: f64, z: f64| Vec3::new(x, y + tilt * z, z);
+            body.cut([at(depth, -90.0), at(depth, 90.0), at(-90.0, 0.0)], is_beyond);
+            let cut = body.surface();
+            assert_eq!(parts(&cut).len(), 1);
+            assert!(cut.triangles.len() > cut.first_wall + 20);
+            let sheet = area(&cut, &cut.triangles[cut.first_wall..]) / 2.0 / (H * H);
+            // The ball's section, of which the tip's cell stays whole.
+            assert!(sheet > 3.0 && sheet < std::f64::consts::PI * 5.0 * 5.0, "{sheet}");
+        }
+    }
+}
+
+#[test]
+fn a_cut_inside_of_the_body_that_no_surface_meets_is_a_closed_pocket() {
+    let mut body = ball();
+    body.cut([Vec3::new(3.3, 3.2, 5.2), Vec3::new(7.4, 3.1, 5.2), Vec3::new(5.0, 7.6, 5.2)], true);
+    let cut = body.surface();
+    assert_eq!(cut.triangles[..body.surface.triangles.len()], body.surface.triangles[..]);
+    assert_eq!(cut.first_wall, body.surface.triangles.len());
+    assert_eq!(parts(&cut).len(), 2, "the pocket shares no vertex with the outer surface");
+}
+
+fn random_cuts(mut body: Body, noise: &mut Noise, cuts: usize, is_beyond: bool) {
+    for _ in 0..cuts {
+        let size = Vec3::from(body.lattice.cells().map(|n| n as f64));
+        let triangle = [(); 3].map(|()| Vec3::from_fn(|axis, _| size[axis] * (0.5 + 0.9 * noise.next())));
+        body.cut(triangle, is_beyond);
+        body.surface();
+    }
+}
+
+#[test]
+fn random_cuts_leave_closed_surfaces_of_the_right_volume() {
+    let mut noise = Noise(5);
+    for n in 0..10 {
+        random_cuts(ball(), &mut noise, 6, n % 2 == 0);
+    }
+}
+
+#[test]
+fn random_cuts_of_a_ragged_body_leave_closed_surfaces_of_the_right_volume() {
+    let mut noise = Noise(7);
+    for n in 0..6 {
+        let tissue: Vec<bool> = (0..420).map(|_| noise.next() > -0.7).collect();
+        let body = Body::new([10, 7, 6], |[i, j, k]| tissue[i + 10 * (j + 7 * k)], None);
+        random_cuts(body, &mut noise, 6, n % 2 == 0);
+    }
+}
+
+/// A sphere of its own triangles, in cells.
+fn sphere(middle: Vec3, radius: f64, rings: u32) -> TriangleMesh {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let around = 2 * rings;
+    let at = |ring: u32, n: u32| {
+        let (polar, turn) = (
+            std::f64::consts::PI * f64::from(ring) / f64::from(rings),
+            std::f64::consts::TAU * f64::from(n) / f64::from(around),
+        );
+        middle + radius * Vec3::new(polar.sin() * turn.cos(), polar.sin() * turn.sin(), polar.cos())
+    };
+    positions.push(at(0, 0) * H);
+    for ring in 1..rings {
+        positions.extend((0..around).map(|n| at(ring, n) * H));
+    }
+    positions.push(at(rings, 0) * H);
+    let last = positions.len() as u32 - 1;
+    let index = |ring: u32, n: u32| match ring {
+        0 => 0,
+        _ if ring == rings => last,
+        _ => 1 + (ring - 1) * around + n % around,
+    };
+    for ring in 0..rings {
+        for n in 0..around {
+            let [a, b, c, d] = [index(ring, n), index(ring + 1, n), index(ring + 1, n + 1), index(ring, n + 1)];
+            triangles.extend([[a, b, c], [a, c, d]].into_iter().filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
+        }
+    }
+    TriangleMesh { positions, triangles, uvs: Vec::new() }
+}
+
+/// A cuboid of twelve triangles, in cells.
+fn cuboid(low: Vec3, high: Vec3) -> TriangleMesh {
+    let corner = |c: usize| Vec3::from_fn(|axis, _| if c >> axis & 1 == 1 { high[axis] } else { low[axis] }) * H;
+    let triangles = [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]];
+    let others = [[2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]];
+    let triangles = triangles.into_iter().chain(others).collect();
+    TriangleMesh { positions: (0..8).map(corner).collect(), triangles, uvs: Vec::new() }
+}
+
+#[test]
+fn a_hosts_own_mesh_is_cut_far_outside_of_the_tissue_and_within_it() {
+    let mut noise = Noise(13);
+    for radius in [3.1, 5.0, 7.3] {
+        for is_beyond in [true, false] {
+            let mesh = sphere(Vec3::repeat(5.0), radius, 12);
+            random_cuts(Body::new([10; 3], is_in_ball, Some(mesh)), &mut noise, 4, is_beyond);
+        }
+    }
+}
+
+#[test]
+fn a_mesh_that_lies_on_the_planes_of_the_grid_is_cut_along_them() {
+    // Large triangles, of which a plane through nodes meets corners and whole edges.
+    let (low, high) = (Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));
+    for height in [2.0, 2.5] {
+        let mut body = Body::new([6, 5, 4], |_| true, Some(cuboid(low, high)));
+        let nudged = height + 5.3e-7;
+        body.cut(plane(Vec3::new(3.0, 3.0, nudged), Vec3::z()), true);
+        let cut = body.surface();
+        let volumes = parts(&cut).iter().map(|part| volume(&cut.positions, part) / H.powi(3)).collect::<Vec<_>>();
+        assert_eq!(volumes.len(), 2);
+        // A cut keeps a thousandth of a cell away from nodes.
+        assert!(volumes.iter().any(|v| (v - 30.0 * height).abs() < 0.031), "{volumes:?}");
+    }
+    let mut noise = Noise(17);
+    random_cuts(Body::new([6, 5, 4], |_| true, Some(cuboid(low, high))), &mut noise, 12, true);
+}
+
+#[test]
+fn triangles_without_area_are_cut_like_others() {
+    // An edge of a cuboid is divided in three on one of its sides only, and a triangle without area makes up for it.
+    let mut mesh = cuboid(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));
+    let first = mesh.positions.len() as u32;
+    let [a, b, c] = mesh.triangles[0];
+    let at = |v: u32| mesh.positions[v as usize];
+    let (p, q) = (at(a) + (at(b) - at(a)) / 3.0, at(a) + (at(b) - at(a)) / 1.5);
+    mesh.positions.extend([p, q]);
+    mesh.triangles[0] = [a, first, c];
+    mesh.triangles.extend([[first, first + 1, c], [first + 1, b, c], [a, b, first + 1], [a, first + 1, first]]);
+    let mut noise = Noise(19);
+    random_cuts(Body::new([6, 5, 4], |_| true, Some(mesh)), &mut noise, 12, true);
+}
+
+#[test]
+fn a_surface_with_a_hole_where_it_is_cut_is_refused() {
+    let mut mesh = cuboid(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));
+    mesh.triangles.truncate(11);
+    let mut body = Body::new([6, 5, 4], |_| true, Some(mesh));
+    body.cut(plane(Vec3::new(3.0, 3.0, 1.7), Vec3::z()), true);
+    assert!(CutSurface::new(&body.surface, &body.lattice, &body.topology, &body.beyond).is_err());
+}
+
+#[test]
+fn without_a_cut_a_surface_stays_what_it_was() {
+    let body = ball();
+    let cut = body.surface();
+    assert_eq!((&cut.positions, &cut.triangles), (&body.surface.positions, &body.surface.triangles));
+    assert_eq!((cut.first_wall, &cut.uvs), (cut.triangles.len(), &body.surface.uvs));
+}
+
+#[test]
+fn what_no_wall_meets_keeps_its_numbers() {
+    let mut body = ball();
+    body.cut(plane(Vec3::repeat(5.1), Vec3::new(0.1, 0.2, 1.0)), true);
+    let cut = body.surface();
+    let old = body.surface.positions.len();
+    assert_eq!(cut.positions[..old], body.surface.positions[..]);
+    let mut kept = 0;
+    for (before, after) in body.surface.triangles.iter().zip(&cut.triangles) {
+        let heights = before.map(|v| Vec3::new(0.1, 0.2, 1.0).dot(&(body.surface.positions[v as usize] / H - Vec3::repeat(5.1))));
+        let is_beside = heights.iter().all(|x| *x > 0.01) || heights.iter().all(|x| *x < -0.01);
+        assert!(!is_beside || before == after);
+        kept += usize::from(is_beside);
+    }
+    assert!(kept > body.surface.triangles.len() / 2);
+}

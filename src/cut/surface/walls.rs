@@ -8,6 +8,9 @@ use super::jitter::jitter;
 use crate::cut::cell::Place;
 use crate::math::Vec3;
 
+/// Farther than a cell's walls reach beyond it for the jitter, in cells.
+const MARGIN: f64 = 1e-6;
+
 /// A triangle of a wall: its corners are the crossing of an edge, a point on a face and one inside, counter-clockwise seen from the first of the pieces that it parts.
 pub struct WallTriangle {
     /// Index of its cell in [`Walls::cells`].
@@ -82,5 +85,15 @@ impl Walls {
         }
         walls.cells = cells;
         walls
+    }
+
+    /// The triangles in the cells that a box (m) touches, among them all that reach into it.
+    pub fn near(&self, low: &Vec3, high: &Vec3, cell_m: f64) -> impl Iterator<Item = usize> + '_ {
+        let first = low.map(|x| (x / cell_m - MARGIN).floor() as i32);
+        let last = high.map(|x| (x / cell_m + MARGIN).floor() as i32);
+        let cells = (first.z..=last.z).flat_map(move |k| {
+            (first.y..=last.y).flat_map(move |j| (first.x..=last.x).map(move |i| [i, j, k]))
+        });
+        cells.filter_map(|cell| self.of_cell.get(&cell)).cloned().flatten()
     }
 }

@@ -203,8 +203,7 @@ pub fn divide(crossings: &Crossings) -> Option<Partition> {
                 let turned = [triangle[0], triangle[2], triangle[1]];
                 sums[pieces[0]].add(turned);
                 sums[pieces[1]].add(triangle);
-                let place =
-                    Place { edge: after, face: f, turn: n, sheet: sheet[after], corner: corners[n] };
+                let place = Place { edge: after, face: f, turn: n, sheet: sheet[after], corner: corners[n] };
                 walls.push(Wall { pieces, corners: triangle, place });
             }
         }

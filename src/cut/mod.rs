@@ -1,6 +1,7 @@
 //! Cutting: what a blade's way does to the topology of a lattice. Backend-free.
 
 pub mod cell;
+pub mod margin;
 pub mod surface;
 pub mod sweep;
 pub mod topology;

@@ -82,7 +82,13 @@ fn reach(surface: &Surface, lattice: &Lattice) -> usize {
     1 + farthest.fold(0.0, f64::max).ceil() as usize
 }
 
-fn cut(surface: &Surface, lattice: &Lattice, topology: &Topology, grid: &Grid<'_>, seed: u64) -> Result<CutSurface, Tie> {
+fn cut(
+    surface: &Surface,
+    lattice: &Lattice,
+    topology: &Topology,
+    grid: &Grid<'_>,
+    seed: u64,
+) -> Result<CutSurface, Tie> {
     let walls = Walls::new(grid.divided(), lattice.cell_m(), seed);
     let outer = Outer { positions: &surface.positions, triangles: &surface.triangles };
     let arrangement = arrange(&outer, &walls, lattice.cell_m(), seed)?;
@@ -117,7 +123,8 @@ fn cut(surface: &Surface, lattice: &Lattice, topology: &Topology, grid: &Grid<'_
                     let meeting = &arrangement.meetings[n];
                     let uv = [0, 1].map(|i| {
                         let parts = meeting.between.iter().zip(meeting.weights);
-                        parts.map(|(&v, weight)| weight * f64::from(surface.uvs[v as usize][i])).sum::<f64>() as f32
+                        parts.map(|(&v, weight)| weight * f64::from(surface.uvs[v as usize][i])).sum::<f64>()
+                            as f32
                     });
                     (meeting.at, uv)
                 }
@@ -142,7 +149,8 @@ fn cut(surface: &Surface, lattice: &Lattice, topology: &Topology, grid: &Grid<'_
         }
     }
     cut.first_wall = cut.triangles.len();
-    cut.triangles.extend(faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners));
+    cut.triangles
+        .extend(faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners));
     cut.wall_uvs = unroll::wall_uvs(&cut.positions, &cut.triangles[cut.first_wall..], lattice.cell_m());
     Ok(cut)
 }

@@ -291,7 +291,12 @@ impl Meeter<'_> {
                 stack.push(n as u32);
             }
         }
-        Ok(parts.into_iter().zip(is_inside).filter(|(_, inside)| *inside == Some(true)).map(|(part, _)| part).collect())
+        Ok(parts
+            .into_iter()
+            .zip(is_inside)
+            .filter(|(_, inside)| *inside == Some(true))
+            .map(|(part, _)| part)
+            .collect())
     }
 
     /// Whether a point is inside of the surface: how often a ray along x leaves it.

@@ -77,7 +77,9 @@ fn twins(faces: &[([u32; 3], Part)], arrangement: &Arrangement, walls: &Walls) -
             }
         }
         let pairs = match (outer.is_empty(), sheets.is_empty()) {
-            (false, false) => at_meeting(&outer, &sheets, |half| arrangement.segments.get(&ends(half)).copied()),
+            (false, false) => {
+                at_meeting(&outer, &sheets, |half| arrangement.segments.get(&ends(half)).copied())
+            }
             (false, true) => on_outer(&outer),
             _ => between_sheets(&sheets, walls),
         };

@@ -43,6 +43,12 @@ fn step(node: GridNode, axis: usize, by: i32) -> GridNode {
     beside
 }
 
+/// The nodes up to so many cells away along each axis, itself among them.
+fn near([i, j, k]: GridNode, far: i32) -> impl Iterator<Item = GridNode> {
+    let along = move || -far..=far;
+    along().flat_map(move |c| along().flat_map(move |b| along().map(move |a| [i + a, j + b, k + c])))
+}
+
 /// The node at a cell's corner.
 pub fn corner_node(cell: GridNode, corner: usize) -> GridNode {
     std::array::from_fn(|axis| cell[axis] + (corner >> axis & 1) as i32)
@@ -55,7 +61,7 @@ fn cells_around((low, axis): GridEdge) -> [GridNode; 4] {
 }
 
 /// The six edges at a node, and the nodes at their other ends.
-fn edges_at(node: GridNode) -> impl Iterator<Item = (GridEdge, GridNode)> {
+pub(crate) fn edges_at(node: GridNode) -> impl Iterator<Item = (GridEdge, GridNode)> {
     (0..3).flat_map(move |axis| {
         let (below, above) = (step(node, axis, -1), step(node, axis, 1));
         [((below, axis), below), ((node, axis), above)]
@@ -74,19 +80,19 @@ fn slot(lattice: &Lattice, node: GridNode) -> Option<u32> {
 }
 
 /// Whether a cell of the tissue has an edge.
-pub(super) fn is_tissue(lattice: &Lattice, edge: GridEdge) -> bool {
+pub(crate) fn is_tissue(lattice: &Lattice, edge: GridEdge) -> bool {
     cells_around(edge).iter().any(|&cell| material(lattice, cell) != 0)
 }
 
 /// Whether a node has an empty cell beside it.
-fn is_outer(lattice: &Lattice, node: GridNode) -> bool {
+pub(crate) fn is_outer(lattice: &Lattice, node: GridNode) -> bool {
     (0..8).any(|corner| {
         let cell = std::array::from_fn(|axis| node[axis] - (corner >> axis & 1));
         material(lattice, cell) == 0
     })
 }
 
-fn node_of(lattice: &Lattice, slot: u32) -> GridNode {
+pub(crate) fn node_of(lattice: &Lattice, slot: u32) -> GridNode {
     lattice.node_of(slot).map(|x| x as i32)
 }
 
@@ -99,7 +105,8 @@ impl<'a> Grid<'a> {
         reach: usize,
     ) -> Self {
         let components = Components::new(lattice, topology);
-        let mut grid = Self { lattice, topology, margin: HashMap::new(), parents: HashMap::new(), components };
+        let mut grid =
+            Self { lattice, topology, margin: HashMap::new(), parents: HashMap::new(), components };
         let nodes = grid.nodes_near_cuts(beyond, reach);
         let islands = grid.find_parents(&nodes, beyond);
         let mut parted: HashMap<(u32, u32), bool> = HashMap::new();
@@ -110,10 +117,13 @@ impl<'a> Grid<'a> {
                 if is_tissue(lattice, edge) {
                     continue;
                 }
-                let (Some(&a), Some(&b)) = (grid.parents.get(&low), grid.parents.get(&high)) else { continue };
+                let (Some(&a), Some(&b)) = (grid.parents.get(&low), grid.parents.get(&high)) else {
+                    continue;
+                };
                 let is_parted =
                     *parted.entry((a.min(b), a.max(b))).or_insert_with(|| a != b && grid.are_parted(a, b));
-                let by_blade = beyond.get(&edge).filter(|_| !islands.contains(&low) && !islands.contains(&high));
+                let by_blade =
+                    beyond.get(&edge).filter(|_| !islands.contains(&low) && !islands.contains(&high));
                 if is_parted {
                     let at = beyond.get(&edge).copied().unwrap_or_else(|| grid.inherited(axis, a, b));
                     grid.margin.insert(edge, at);
@@ -142,7 +152,10 @@ impl<'a> Grid<'a> {
             let pieces = cell.pieces.iter().map(|hung| hung.piece.corners).collect();
             cells.push(GridCell { at: node_of(self.lattice, slot), pieces, walls: cell.walls.clone() });
         }
-        let tissue = self.topology.crossings().map(|(edge, _)| (node_of(self.lattice, edge.slot), usize::from(edge.axis)));
+        let tissue = self
+            .topology
+            .crossings()
+            .map(|(edge, _)| (node_of(self.lattice, edge.slot), usize::from(edge.axis)));
         let cut = self.margin.keys().copied().chain(tissue);
         let empty: BTreeSet<GridNode> =
             cut.flat_map(cells_around).filter(|&cell| material(self.lattice, cell) == 0).collect();
@@ -180,18 +193,21 @@ impl<'a> Grid<'a> {
         let starts = self.topology.cells().into_iter().flat_map(|(slot, _)| corners(slot));
         let mut nodes: BTreeSet<GridNode> = starts
             .chain(self.topology.crossings().flat_map(ends))
-            .chain(beyond.keys().flat_map(|&(low, axis)| [low, step(low, axis, 1)]))
             .filter(|&node| is_outer(self.lattice, node))
             .collect();
+        // A blade that leaves the tissue at a small angle runs on along it.
+        let is_near =
+            |node: GridNode| near(node, reach as i32).any(|node| slot(self.lattice, node).is_some());
+        let ends = |&(low, axis): &GridEdge| [low, step(low, axis, 1)];
+        nodes.extend(beyond.keys().flat_map(ends).filter(|&node| is_near(node)));
         let mut front: Vec<GridNode> = nodes.iter().copied().collect();
         for _ in 0..reach {
             let mut next = Vec::new();
             for node in front {
-                for n in 0..27 {
-                    let near = [node[0] + n % 3 - 1, node[1] + n / 3 % 3 - 1, node[2] + n / 9 - 1];
-                    if !nodes.contains(&near) && is_outer(self.lattice, near) {
-                        nodes.insert(near);
-                        next.push(near);
+                for beside in near(node, 1) {
+                    if !nodes.contains(&beside) && is_outer(self.lattice, beside) {
+                        nodes.insert(beside);
+                        next.push(beside);
                     }
                 }
             }
@@ -201,7 +217,11 @@ impl<'a> Grid<'a> {
     }
 
     /// Finds the parents of some nodes. Returns those which no edge connects to tissue that a blade has not crossed: what it cut off there is not a part of its own.
-    fn find_parents(&mut self, nodes: &BTreeSet<GridNode>, beyond: &HashMap<GridEdge, f64>) -> HashSet<GridNode> {
+    fn find_parents(
+        &mut self,
+        nodes: &BTreeSet<GridNode>,
+        beyond: &HashMap<GridEdge, f64>,
+    ) -> HashSet<GridNode> {
         let tissue = nodes.iter().filter_map(|&node| Some((node, slot(self.lattice, node)?)));
         self.parents = tissue.collect();
         let sources: Vec<GridNode> = nodes.iter().copied().filter(|n| self.parents.contains_key(n)).collect();
@@ -264,14 +284,19 @@ struct Components(Vec<u32>);
 impl Components {
     fn new(lattice: &Lattice, topology: &Topology) -> Self {
         let mut components = Self((0..lattice.slot_count() as u32).collect());
+        let mut cut = vec![0_u8; lattice.slot_count()];
+        for (edge, _) in topology.crossings() {
+            cut[edge.slot as usize] |= 1 << edge.axis;
+        }
         for slot in lattice.slots() {
-            let node = node_of(lattice, slot);
             for axis in 0..3 {
-                let edge = LatticeEdge { slot, axis: axis as u8 };
-                if !is_tissue(lattice, (node, axis)) || topology.crossing(edge).is_some() {
+                // Materials of the four cells that have the edge upward from a node.
+                let around = [0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000][axis];
+                if lattice.words()[slot as usize] & around == 0 || cut[slot as usize] >> axis & 1 != 0 {
                     continue;
                 }
-                let other = self::slot(lattice, step(node, axis, 1)).expect("a tissue edge has two nodes");
+                let other = self::slot(lattice, step(node_of(lattice, slot), axis, 1));
+                let other = other.expect("a tissue edge has two nodes");
                 let (a, b) = (components.root(slot), components.root(other));
                 components.0[a.max(b) as usize] = a.min(b);
             }

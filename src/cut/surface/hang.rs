@@ -43,7 +43,8 @@ impl Hanger<'_> {
             let node = Vec3::from(corner_node(cell, *corner).map(f64::from)) * self.lattice.cell_m();
             (node - at).norm()
         };
-        let mut corners: Vec<usize> = (0..8).filter(|&c| self.grid.parent(corner_node(cell, c)).is_some()).collect();
+        let mut corners: Vec<usize> =
+            (0..8).filter(|&c| self.grid.parent(corner_node(cell, c)).is_some()).collect();
         corners.sort_by(|a, b| nearest(a).total_cmp(&nearest(b)));
         for corner in corners {
             if self.sees(at, corner_node(cell, corner))? {
@@ -75,13 +76,15 @@ impl Hanger<'_> {
         let is_cell = |cell: GridNode| {
             let at = cell.map(|x| usize::try_from(x).ok());
             let at = [at[0]?, at[1]?, at[2]?];
-            let material = (0..3).all(|a| at[a] < self.lattice.cells()[a]).then(|| self.lattice.cell_material(at))?;
+            let material =
+                (0..3).all(|a| at[a] < self.lattice.cells()[a]).then(|| self.lattice.cell_material(at))?;
             (material != 0).then_some((at, material))
         };
         let (host, material, corner) = match is_cell(cell) {
             Some((host, material)) => (host, material, corner),
             None => {
-                let parent = self.lattice.node_of(self.grid.parent(corner_node(cell, corner))?).map(|x| x as i32);
+                let parent =
+                    self.lattice.node_of(self.grid.parent(corner_node(cell, corner))?).map(|x| x as i32);
                 let around = (0..8).filter_map(|corner| {
                     let (host, material) = is_cell([0, 1, 2].map(|a| parent[a] - (corner >> a & 1)))?;
                     Some((host, material, corner as usize))

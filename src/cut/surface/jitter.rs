@@ -63,9 +63,5 @@ pub fn passage(triangle: [Vec3; 3], a: Vec3, b: Vec3) -> Result<Option<Passage>,
         return Ok(None);
     }
     let sum: f64 = around.iter().sum();
-    Ok(Some(Passage {
-        is_upward: high > 0.0,
-        share: low / (low - high),
-        weights: around.map(|x| x / sum),
-    }))
+    Ok(Some(Passage { is_upward: high > 0.0, share: low / (low - high), weights: around.map(|x| x / sum) }))
 }

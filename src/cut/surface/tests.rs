@@ -20,8 +20,7 @@ struct Body {
 impl Body {
     fn new(cells: [usize; 3], is_tissue: impl Fn([usize; 3]) -> bool, mesh: Option<TriangleMesh>) -> Self {
         let at = |n: usize| [n % cells[0], n / cells[0] % cells[1], n / cells[0] / cells[1]];
-        let materials: Vec<u8> =
-            (0..cells.iter().product()).map(|n| u8::from(is_tissue(at(n)))).collect();
+        let materials: Vec<u8> = (0..cells.iter().product()).map(|n| u8::from(is_tissue(at(n)))).collect();
         let lattice = Lattice::new(cells, H, &materials).unwrap();
         let mesh = mesh.unwrap_or_else(|| extract::boundary(cells, H, is_tissue).unwrap());
         let surface = Surface::from_mesh(mesh, &lattice).unwrap();
@@ -99,7 +98,9 @@ impl Body {
 
         for (row, at) in cut.rows.iter().zip(&cut.positions) {
             let there: Vec3 = (0..8)
-                .map(|n| self.lattice.rest_position(self.topology.origin(row.nodes[n])) * f64::from(row.weights[n]))
+                .map(|n| {
+                    self.lattice.rest_position(self.topology.origin(row.nodes[n])) * f64::from(row.weights[n])
+                })
                 .sum();
             assert!((there - at).norm() < 1e-5 * H, "{there} {at}");
         }
@@ -178,7 +179,11 @@ fn a_plane_leaves_two_closed_parts_with_their_exact_volumes_and_flat_walls() {
         let parts = parts(&cut);
         assert_eq!(parts.len(), 2);
         let above = |part: &[[u32; 3]]| {
-            part.iter().flatten().map(|&v| normal.dot(&(cut.positions[v as usize] / H - through))).sum::<f64>() > 0.0
+            part.iter()
+                .flatten()
+                .map(|&v| normal.dot(&(cut.positions[v as usize] / H - through)))
+                .sum::<f64>()
+                > 0.0
         };
         assert_ne!(above(&parts[0]), above(&parts[1]));
         let walls: HashSet<[u32; 3]> = cut.triangles[cut.first_wall..].iter().copied().collect();
@@ -278,8 +283,11 @@ fn sphere(middle: Vec3, radius: f64, rings: u32) -> TriangleMesh {
     };
     for ring in 0..rings {
         for n in 0..around {
-            let [a, b, c, d] = [index(ring, n), index(ring + 1, n), index(ring + 1, n + 1), index(ring, n + 1)];
-            triangles.extend([[a, b, c], [a, c, d]].into_iter().filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]));
+            let [a, b, c, d] =
+                [index(ring, n), index(ring + 1, n), index(ring + 1, n + 1), index(ring, n + 1)];
+            triangles.extend(
+                [[a, b, c], [a, c, d]].into_iter().filter(|t| t[0] != t[1] && t[1] != t[2] && t[0] != t[2]),
+            );
         }
     }
     TriangleMesh { positions, triangles, uvs: Vec::new() }
@@ -287,7 +295,8 @@ fn sphere(middle: Vec3, radius: f64, rings: u32) -> TriangleMesh {
 
 /// A cuboid of twelve triangles, in cells.
 fn cuboid(low: Vec3, high: Vec3) -> TriangleMesh {
-    let corner = |c: usize| Vec3::from_fn(|axis, _| if c >> axis & 1 == 1 { high[axis] } else { low[axis] }) * H;
+    let corner =
+        |c: usize| Vec3::from_fn(|axis, _| if c >> axis & 1 == 1 { high[axis] } else { low[axis] }) * H;
     let triangles = [[0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4]];
     let others = [[2, 6, 7], [2, 7, 3], [0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]];
     let triangles = triangles.into_iter().chain(others).collect();
@@ -314,7 +323,8 @@ fn a_mesh_that_lies_on_the_planes_of_the_grid_is_cut_along_them() {
         let nudged = height + 5.3e-7;
         body.cut(plane(Vec3::new(3.0, 3.0, nudged), Vec3::z()), true);
         let cut = body.surface();
-        let volumes = parts(&cut).iter().map(|part| volume(&cut.positions, part) / H.powi(3)).collect::<Vec<_>>();
+        let volumes =
+            parts(&cut).iter().map(|part| volume(&cut.positions, part) / H.powi(3)).collect::<Vec<_>>();
         assert_eq!(volumes.len(), 2);
         // A cut keeps a thousandth of a cell away from nodes.
         assert!(volumes.iter().any(|v| (v - 30.0 * height).abs() < 0.031), "{volumes:?}");
@@ -333,7 +343,12 @@ fn triangles_without_area_are_cut_like_others() {
     let (p, q) = (at(a) + (at(b) - at(a)) / 3.0, at(a) + (at(b) - at(a)) / 1.5);
     mesh.positions.extend([p, q]);
     mesh.triangles[0] = [a, first, c];
-    mesh.triangles.extend([[first, first + 1, c], [first + 1, b, c], [a, b, first + 1], [a, first + 1, first]]);
+    mesh.triangles.extend([
+        [first, first + 1, c],
+        [first + 1, b, c],
+        [a, b, first + 1],
+        [a, first + 1, first],
+    ]);
     let mut noise = Noise(19);
     random_cuts(Body::new([6, 5, 4], |_| true, Some(mesh)), &mut noise, 12, true);
 }
@@ -364,7 +379,9 @@ fn what_no_wall_meets_keeps_its_numbers() {
     assert_eq!(cut.positions[..old], body.surface.positions[..]);
     let mut kept = 0;
     for (before, after) in body.surface.triangles.iter().zip(&cut.triangles) {
-        let heights = before.map(|v| Vec3::new(0.1, 0.2, 1.0).dot(&(body.surface.positions[v as usize] / H - Vec3::repeat(5.1))));
+        let heights = before.map(|v| {
+            Vec3::new(0.1, 0.2, 1.0).dot(&(body.surface.positions[v as usize] / H - Vec3::repeat(5.1)))
+        });
         let is_beside = heights.iter().all(|x| *x > 0.01) || heights.iter().all(|x| *x < -0.01);
         assert!(!is_beside || before == after);
         kept += usize::from(is_beside);

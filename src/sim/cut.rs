@@ -88,7 +88,9 @@ impl State {
         let mut topology = cuts.topology.clone();
         let change = topology.cut(self.model.lattice(), crossed)?;
         if !change.cells.is_empty() {
-            self.solver.cut(&topology, &change)?;
+            // Should it fail, steps are only shorter than they need be.
+            self.body.note_cut(&self.model);
+            self.solver.cut(&topology, &change, self.body.stable_dt)?;
         }
         cuts.topology = topology;
         Ok(change.cells.len())

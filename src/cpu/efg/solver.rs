@@ -107,7 +107,7 @@ impl<R: EfgReal> EfgSolver<R> {
             system,
             rows_of,
             uploaded,
-            flags: flags_of(&bricks),
+            flags: bricks.flags(),
             laws: *model.laws(),
             dt: 0.0,
             is_stale: true,
@@ -226,6 +226,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let wall_n_m = wall_n_m(&self.laws, self.bricks.model.lattice().cell_m());
         let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
+            bricks,
             u_before: &Field(Vec::new()),
             u,
             v,
@@ -311,13 +312,6 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
     }
 }
 
-/// Flags of all slots; those without a node are held.
-fn flags_of(bricks: &Bricks) -> Vec<u8> {
-    let mut flags = bricks.model.lattice().flags().to_vec();
-    flags.resize(bricks.slot_count(), flag::FIX_ALL);
-    flags
-}
-
 impl<R: EfgReal> EfgSolver<R> {
     /// Gives the pieces of a divided cell rows, each turned as what it was part of.
     fn hang(&mut self, cell: u32, divided: &DividedCell) {
@@ -347,8 +341,6 @@ impl<R: EfgReal> EfgSolver<R> {
             hung.push(PieceRow { corners: piece.piece.corners, row });
         }
         self.rows_of.insert(cell, hung);
-        // It is no brick's own any more.
-        self.bricks.cells[cell as usize] = 0;
     }
 }
 
@@ -470,9 +462,9 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, _stable_dt: f64) -> Result<()> {
+        self.bricks.divide(topology, change);
         for birth in &change.births {
-            self.bricks.hold(birth.slot);
             self.flags[birth.slot as usize] =
                 self.flags[topology.origin(birth.slot) as usize] & !flag::GRASPED;
             self.u.set(birth.slot, self.u.vec3(birth.from));

@@ -182,6 +182,12 @@ impl Bricks {
         self.rows[brick] |= 1 << (local / 8);
     }
 
+    /// Makes all cells whole again.
+    pub fn heal(&mut self) {
+        let loose = self.count() - self.model.lattice().bricks().len();
+        *self = Self::new(self.model.clone(), loose);
+    }
+
     /// Divides cells: they are no brick's own any more, and nodes weigh what the pieces of all divided cells do.
     pub fn divide(&mut self, topology: &Topology, change: &Change) {
         for birth in &change.births {

@@ -231,6 +231,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         let core = &mut self.core;
         core.tables = LawTables::new(laws, core.bricks.model.lattice().cell_m());
         core.corner_kg = std::array::from_fn(|material| laws[material].corner_kg);
+        core.pieces.weigh(&core.corner_kg);
         core.kernel = R::kernel(&core.tables);
         core.nodes.keep_velocities(core.tables.damped);
         core.stable_dt = stable_dt;
@@ -270,6 +271,14 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.stable_dt = stable_dt;
         core.contact.lose_track();
         core.sleep.wake_all(&core.bricks);
+        Ok(())
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        let core = &mut self.core;
+        core.bricks.heal();
+        core.pieces = Pieces::default();
+        core.flags[core.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
         Ok(())
     }
 

@@ -186,6 +186,11 @@ pub trait Solver: Send + std::fmt::Debug {
         Err(Error::Unsupported("cutting runs on the processor".into()))
     }
 
+    /// Forgets all cuts; [`Self::reset`] follows.
+    fn heal(&mut self) -> Result<()> {
+        Ok(())
+    }
+
     /// Back to rest.
     fn reset(&mut self);
 

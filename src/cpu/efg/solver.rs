@@ -71,6 +71,21 @@ struct PieceRow {
     row: usize,
 }
 
+/// The rows of cells before any cut, and whose they are.
+fn uncut_rows(bricks: &mut Bricks, rows: Rows) -> Result<(RowTable, HashMap<u32, Vec<PieceRow>>)> {
+    match rows {
+        Rows::Irregular => Ok(Default::default()),
+        Rows::All => {
+            // No cell is a brick's own any more.
+            bricks.cells.fill(0);
+            let lattice = bricks.model.lattice();
+            let of_cell =
+                |(row, (cell, _))| (lattice.corners(cell)[0], vec![PieceRow { corners: 0xff, row }]);
+            Ok((RowTable::of_all(lattice)?, lattice.occupied().enumerate().map(of_cell).collect()))
+        }
+    }
+}
+
 /// A place that members of a job share; who may write it when is said where that is done.
 struct Place<T>(*mut T);
 // SAFETY: access is ordered by the meetings of the job.
@@ -82,21 +97,7 @@ impl<R: EfgReal> EfgSolver<R> {
     /// Fails when the operating system starts no more threads.
     pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize, copies: usize) -> Result<Self> {
         let mut bricks = Bricks::new(model.clone(), copies.div_ceil(BRICK_SLOTS));
-        let mut rows_of = HashMap::new();
-        let rows = match desc.rows {
-            Rows::Irregular => RowTable::default(),
-            Rows::All => {
-                // No cell is a brick's own any more.
-                bricks.cells.fill(0);
-                let cells = model.lattice().occupied().enumerate();
-                rows_of = cells
-                    .map(|(row, (cell, _))| {
-                        (model.lattice().corners(cell)[0], vec![PieceRow { corners: 0xff, row }])
-                    })
-                    .collect();
-                RowTable::of_all(model.lattice())?
-            }
-        };
+        let (rows, rows_of) = uncut_rows(&mut bricks, desc.rows)?;
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
         let contact = ContactSurface::new(model.clone());
@@ -478,6 +479,17 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
         self.contact.lose_track();
+        Ok(())
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        self.bricks.heal();
+        let (rows, rows_of) = uncut_rows(&mut self.bricks, self.desc.rows)?;
+        self.rows_of = rows_of;
+        self.flags[self.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
+        self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
+        self.uploaded += self.system.upload(&self.bricks);
+        self.is_stale = true;
         Ok(())
     }
 

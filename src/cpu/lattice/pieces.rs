@@ -87,27 +87,36 @@ impl<R: Real> Pieces<R> {
         let mut all = Self {
             given: pieces.iter().map(|_| UnsafeCell::default()).collect(),
             starts: vec![0; slots + 1],
-            mass: vec![Octet::default(); slots / 8],
+            mass: Vec::new(),
             pieces,
             of_brick,
             bricks: own,
             places: listed.iter().map(|&(_, place)| place).collect(),
         };
-        let mut masses = vec![0.0; slots];
-        for (slot, place) in listed {
-            let at = all.of_brick[slot as usize / BRICK_SLOTS] as usize * BRICK_SLOTS
-                + slot as usize % BRICK_SLOTS;
-            let piece = &all.pieces[place.piece as usize];
-            all.starts[at + 1] += 1;
-            masses[at] += corner_kg[usize::from(piece.material)] * piece.volume.to_f64();
+        for (slot, _) in listed {
+            let place = all.of_brick[slot as usize / BRICK_SLOTS] as usize;
+            all.starts[place * BRICK_SLOTS + slot as usize % BRICK_SLOTS + 1] += 1;
         }
         for slot in 0..slots {
             all.starts[slot + 1] += all.starts[slot];
         }
-        for (octet, masses) in all.mass.iter_mut().zip(masses.chunks_exact(8)) {
-            *octet = Octet(std::array::from_fn(|lane| R::splat(masses[lane])));
-        }
+        all.weigh(corner_kg);
         all
+    }
+
+    /// What pieces weigh, by the mass of a whole cell's corner of each material.
+    pub fn weigh(&mut self, corner_kg: &[f64; 16]) {
+        let kg = |place: &Place| {
+            let piece = &self.pieces[place.piece as usize];
+            corner_kg[usize::from(piece.material)] * piece.volume.to_f64()
+        };
+        let of_slot = |slot: usize| -> f64 {
+            self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize].iter().map(kg).sum()
+        };
+        let slots = self.bricks.len() * BRICK_SLOTS;
+        self.mass = (0..slots / 8)
+            .map(|octet| Octet(std::array::from_fn(|lane| R::splat(of_slot(octet * 8 + lane)))))
+            .collect();
     }
 
     /// How many there are.
@@ -220,41 +229,37 @@ impl<R: Real> Piece<R> {
                 }
             }
         }
-        self.add_volume(laws.volume[material].mul(self.volume), laws.h, u, &mut given);
+        add_volume(laws.volume[material].mul(self.volume), laws.h, u, &mut given);
         given
     }
+}
 
-    /// Adds the forces of the volume term.
-    fn add_volume(&self, stiffness: R, h: f64, u: &[[R; 3]; 8], given: &mut Given<R>) {
-        if !self.has_volume(stiffness) {
-            return;
-        }
-        let inverse_4h = R::splat(0.25 / h);
-        let gradient: [[R; 3]; 3] = std::array::from_fn(|c| {
-            std::array::from_fn(|axis| {
-                let signed = |corner: usize| {
-                    if corner >> axis & 1 == 1 { u[corner][c] } else { R::default().sub(u[corner][c]) }
-                };
-                (0..8).map(signed).fold(R::default(), Num::add).mul(inverse_4h)
-            })
-        });
-        let (cof, change) = volume_change(gradient);
-        given.swelling = change.to_f64().max(0.0) as f32;
-        given.shrinking = (-change.to_f64()).max(0.0) as f32;
-        let p = stiffness.mul(change);
-        for corner in 0..8 {
-            for c in 0..3 {
-                let along = |axis: usize| {
-                    if corner >> axis & 1 == 1 { cof[c][axis] } else { R::default().sub(cof[c][axis]) }
-                };
-                let sum = along(0).add(along(1)).add(along(2));
-                given.forces[corner][c] = given.forces[corner][c].sub(p.mul(sum));
-            }
-        }
+/// Adds the forces of the volume term.
+fn add_volume<R: Real>(stiffness: R, h: f64, u: &[[R; 3]; 8], given: &mut Given<R>) {
+    if stiffness.to_f64() == 0.0 {
+        return;
     }
-
-    fn has_volume(&self, stiffness: R) -> bool {
-        stiffness.to_f64() > 0.0
+    let inverse_4h = R::splat(0.25 / h);
+    let gradient: [[R; 3]; 3] = std::array::from_fn(|c| {
+        std::array::from_fn(|axis| {
+            let signed = |corner: usize| {
+                if corner >> axis & 1 == 1 { u[corner][c] } else { R::default().sub(u[corner][c]) }
+            };
+            (0..8).map(signed).fold(R::default(), Num::add).mul(inverse_4h)
+        })
+    });
+    let (cof, change) = volume_change(gradient);
+    given.swelling = change.to_f64().max(0.0) as f32;
+    given.shrinking = (-change.to_f64()).max(0.0) as f32;
+    let p = stiffness.mul(change);
+    for corner in 0..8 {
+        for c in 0..3 {
+            let along = |axis: usize| {
+                if corner >> axis & 1 == 1 { cof[c][axis] } else { R::default().sub(cof[c][axis]) }
+            };
+            let sum = along(0).add(along(1)).add(along(2));
+            given.forces[corner][c] = given.forces[corner][c].sub(p.mul(sum));
+        }
     }
 }
 

@@ -74,6 +74,9 @@ __device__ __forceinline__ void meet_with(Grid& grid, double (&numbers)[N]) {
         if (lane == 0) grid.scratch[warp * 33 + 32] = all;
     }
     __syncthreads();
+    // Once would do. But where teams of threads have had barriers of their own, racecheck (CUDA 13.0) overlooks the first barrier of the whole block behind a
+    // write, and would name a hazard here; so it does in a kernel of thirty lines that does nothing else.
+    __syncthreads();
 #pragma unroll
     for (int n = 0; n < N; ++n) numbers[n] = grid.scratch[n * 33 + 32];
 }

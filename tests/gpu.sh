@@ -26,10 +26,6 @@ tools=(memcheck initcheck synccheck)
 # test.
 raced=cuda:a_moment_of_everything_is_that_of_the_processor
 kernels=(kns=lattice kne=contact kns=contact_ kne=report kne=judge)
-# In the implicit kernel racecheck (CUDA 13.0, H200) names hazards between the write of the last sum in `meet_with` (kernels/grid.cuh) and its reads, in each of its
-# three copies. In the machine code (sm_90) a barrier of the whole block, BAR.SYNC 0, stands between them with no way around it, and three more before the
-# next write: there is no such race. Why racecheck does not see that barrier is not known; of all kernels this one alone has teams of threads
-# with barriers of their own whose numbers are in registers.
 raced_implicit=cuda:efg::bone_is_the_same_wall_on_both
 launches=100
 

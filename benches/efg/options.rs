@@ -1,6 +1,7 @@
 //! The command line.
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
+use serde::Serialize;
 
 use super::common::place::Machine;
 
@@ -18,6 +19,18 @@ pub struct Options {
     /// Length of a step; 1e-3 when left out
     #[arg(long, value_name = "S")]
     dt: Vec<f64>,
+
+    /// What is pressed
+    #[arg(long, value_enum, default_value_t = Scene::Block)]
+    pub scene: Scene,
+
+    /// Edge of a cell
+    #[arg(long, value_name = "M", default_value_t = 2e-3)]
+    pub cell: f64,
+
+    /// Radius of the ball, as a share of the block's width
+    #[arg(long, value_name = "X", default_value_t = 1.0 / 12.0)]
+    pub ball: f64,
 
     /// Poisson's ratio
     #[arg(long, value_name = "V", default_value_t = 0.45)]
@@ -43,9 +56,13 @@ pub struct Options {
     #[arg(long)]
     pub no_baseline: bool,
 
-    /// Press the lattice of the same block too
+    /// Press the lattice of the same block too, and say how far both are from the same block in finer cells
     #[arg(long)]
     pub beside_lattice: bool,
+
+    /// How many times finer those cells are, and how much shorter their steps at least
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(2..))]
+    pub finer: u32,
 
     /// Print one JSON object per line instead of a table
     #[arg(long)]
@@ -54,6 +71,16 @@ pub struct Options {
     /// What cargo adds to the command line of a bench
     #[arg(long, hide = true)]
     bench: bool,
+}
+
+/// A block, and how it begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Scene {
+    /// It falls into its shape under gravity; tools meet its smoothed surface.
+    Block,
+    /// It is at rest under gravity; tools meet its flat top, which is the same in cells of all sizes.
+    Flat,
 }
 
 impl Options {

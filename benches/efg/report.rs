@@ -5,13 +5,15 @@ use std::process::ExitCode;
 use comfy_table::Table;
 use serde::Serialize;
 
+use super::beside::Beside;
 use super::common::place::Place;
 use super::common::table::empty;
+use super::options::Scene;
 
 /// What was measured of one block.
 #[derive(Debug, Serialize)]
 pub struct Figure {
-    pub scene: &'static str,
+    pub scene: Scene,
     pub cells: usize,
     pub nodes: usize,
     pub dt_s: f64,
@@ -20,6 +22,7 @@ pub struct Figure {
     pub contrast: f64,
     pub cell_m: f64,
     pub us_per_step: f64,
+    pub least_us: f64,
     pub device_us_per_step: f64,
     pub p99_us: f64,
     pub steps_per_s: f64,
@@ -35,14 +38,6 @@ pub struct Figure {
     pub compared: Option<Compared>,
     #[serde(flatten)]
     pub beside: Option<Beside>,
-}
-
-/// The lattice of the same block: a step of as many substeps.
-#[derive(Debug, Serialize)]
-pub struct Beside {
-    pub lattice_us_per_step: f64,
-    pub lattice_substeps: u32,
-    pub lattice_rtf: f64,
 }
 
 /// What the paper's flow took for the same.
@@ -95,6 +90,9 @@ impl Report {
             "ratio",
             "lattice µs/step",
             "its substeps",
+            "error %",
+            "its error %",
+            "doubt %",
         ]);
         Self { is_json, place, table, has_failed: false }
     }
@@ -109,7 +107,7 @@ impl Report {
         let of_lattice = |show: fn(&Beside) -> String| f.beside.as_ref().map_or_else(String::new, show);
         let of_baseline = |show: fn(&Compared) -> String| f.compared.as_ref().map_or_else(String::new, show);
         self.table.add_row([
-            f.scene.to_owned(),
+            format!("{:?}", f.scene).to_lowercase(),
             f.cells.to_string(),
             format!("{:.2}", f.dt_s * 1e3),
             format!("{:.0}", f.young_pa * 1e-3),
@@ -130,6 +128,9 @@ impl Report {
             of_baseline(|c| format!("{:.1}", c.ratio)),
             of_lattice(|b| format!("{:.0}", b.lattice_us_per_step)),
             of_lattice(|b| b.lattice_substeps.to_string()),
+            of_lattice(|b| format!("{:.1}", b.error * 1e2)),
+            of_lattice(|b| format!("{:.1}", b.lattice_error * 1e2)),
+            of_lattice(|b| format!("{:.1}", b.reference_doubt * 1e2)),
         ]);
     }
 

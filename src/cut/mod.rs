@@ -1,4 +1,7 @@
 //! Cutting: what a blade's way does to the topology of a lattice. Backend-free.
+//!
+//!
+#![doc = include_str!("../../docs/cutting.md")]
 
 pub mod cell;
 pub mod margin;

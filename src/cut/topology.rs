@@ -135,6 +135,11 @@ impl Topology {
         self.copies.len()
     }
 
+    /// Slots of the copies, ascending.
+    pub fn copies(&self) -> impl Iterator<Item = u32> {
+        self.first_copy..self.first_copy + self.copies.len() as u32
+    }
+
     /// The node of the lattice that a slot is, or is a copy of.
     pub fn origin(&self, slot: u32) -> u32 {
         if slot < self.first_copy { slot } else { self.copies[(slot - self.first_copy) as usize] }

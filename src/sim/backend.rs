@@ -64,8 +64,12 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
     let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
-        (Method::Lattice, Precision::Single) => Box::new(CpuSolver::<f32>::new(model, threads)?),
-        (Method::Lattice, Precision::Double) => Box::new(CpuSolver::<f64>::new(model, threads)?),
+        (Method::Lattice, Precision::Single) => {
+            Box::new(CpuSolver::<f32>::new(model, threads, desc.cut_nodes)?)
+        }
+        (Method::Lattice, Precision::Double) => {
+            Box::new(CpuSolver::<f64>::new(model, threads, desc.cut_nodes)?)
+        }
         (Method::Efg(efg), Precision::Single) => {
             Box::new(EfgSolver::<f32>::new(model, efg, threads, desc.cut_nodes)?)
         }

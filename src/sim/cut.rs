@@ -7,7 +7,7 @@ use crate::cut::sweep::{Moving, Sweep};
 use crate::cut::topology::{HungPiece, LatticeEdge, Topology, whole};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
-use crate::model::lattice::{BRICK_SLOTS, Lattice};
+use crate::model::lattice::{BRICK_SLOTS, Lattice, flag};
 use crate::solver::Solver;
 use crate::solver::method::Method;
 
@@ -88,7 +88,9 @@ impl State {
         let mut topology = cuts.topology.clone();
         let change = topology.cut(self.model.lattice(), crossed)?;
         if !change.cells.is_empty() {
-            self.solver.cut(&topology, &change)?;
+            // Should it fail, steps are only shorter than they need be.
+            self.body.note_cut(&self.model);
+            self.solver.cut(&topology, &change, self.body.stable_dt)?;
         }
         cuts.topology = topology;
         Ok(change.cells.len())
@@ -97,6 +99,14 @@ impl State {
     /// The node of the lattice that a slot is a copy of, or itself.
     pub fn origin(&self, slot: u32) -> u32 {
         self.cuts.as_ref().map_or(slot, |cuts| cuts.topology.origin(slot))
+    }
+
+    /// Adds the copies of nodes whose flags change; what a tool holds is the node itself alone.
+    pub fn add_copies(&self, changed: &mut Vec<(u32, u8)>) {
+        let Some(cuts) = &self.cuts else { return };
+        let flags: HashMap<u32, u8> = changed.iter().copied().collect();
+        let follow = |copy: u32| Some((copy, flags.get(&cuts.topology.origin(copy))? & !flag::GRASPED));
+        changed.extend(cuts.topology.copies().filter_map(follow));
     }
 
     /// Every whole cell and every piece: its material and what it hangs on.
@@ -166,7 +176,7 @@ impl State {
             part.mass_kg += kg;
             for (node, share) in hung.nodes.into_iter().zip(self.shares(hung)) {
                 *momentum += self.solver.velocity(node) * (kg * share);
-                part.is_held |= self.body.flags[self.origin(node) as usize] & 7 == 7;
+                part.is_held |= self.body.flags[self.origin(node) as usize] & flag::FIX_ALL == flag::FIX_ALL;
             }
         }
         let mut parts: Vec<Part> = parts

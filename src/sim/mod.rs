@@ -291,7 +291,7 @@ impl Sim {
         self.with(|state| state.settle(tolerance_m_s2, max_substeps))
     }
 
-    /// Back to the rest state at time 0: rigid regions at their rest places, tools without force. Loads, tools and gravity stay. A
+    /// Back to the rest state at time 0: tissue whole, rigid regions at their rest places, tools without force. Loads, tools and gravity stay. A
     /// simulation whose GPU was lost stays as it is.
     pub fn reset(&mut self) {
         self.with(State::reset);

@@ -229,6 +229,12 @@ impl State {
             // As for a tool that leaves.
             let _ = self.release(index);
         }
+        if self.cuts.take().is_some() {
+            let healed = self.solver.heal();
+            if self.heed(healed).is_err() {
+                return;
+            }
+        }
         self.solver.reset();
         self.diverged_at = None;
         self.report = StepReport::default();
@@ -286,11 +292,13 @@ impl State {
     /// Holds or frees nodes; gives how many that changed.
     pub fn set_held(&mut self, fix: &Fix, is_held: bool) -> Result<usize> {
         self.check()?;
-        let changed = self.body.set_held(&self.model, fix, is_held)?;
+        let mut changed = self.body.set_held(&self.model, fix, is_held)?;
+        let count = changed.len();
+        self.add_copies(&mut changed);
         let answer = self.solver.set_flags(&changed, self.body.stable_dt);
         self.heed(answer)?;
         self.statistics.stable_substep_s = self.body.stable_dt;
-        Ok(changed.len())
+        Ok(count)
     }
 
     /// Has a tool hold the nodes within `reach_m` of it; gives how many it holds.

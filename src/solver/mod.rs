@@ -180,10 +180,15 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
-    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`. Fails where this model or device cannot be cut.
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
-        let _ = (topology, change);
-        Err(Error::Unsupported("cutting runs in the meshless model on the processor".into()))
+    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`. Fails where this device cannot cut.
+    fn cut(&mut self, topology: &Topology, change: &Change, stable_dt: f64) -> Result<()> {
+        let _ = (topology, change, stable_dt);
+        Err(Error::Unsupported("cutting runs on the processor".into()))
+    }
+
+    /// Forgets all cuts; [`Self::reset`] follows.
+    fn heal(&mut self) -> Result<()> {
+        Ok(())
     }
 
     /// Back to rest.

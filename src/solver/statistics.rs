@@ -37,7 +37,8 @@ pub struct Statistics {
     pub volume_ratio: [f64; 2],
     /// Iterations of the last substep's solution; 0 where steps are explicit.
     pub cg_iterations: u32,
-    /// Share of the first residual that the last solution left, computed from what was found; 0 where steps are explicit.
+    /// Share of the first residual that the last solution left, computed from what was found; no more than the tolerance where what is left is less than
+    /// rounding makes. 0 where steps are explicit.
     pub true_residual: f64,
     /// Surface points in contact in the last substep.
     pub contact_points: u32,

@@ -3,6 +3,7 @@
 //! Every tolerance stands in [`tolerance`] with its reason. `PLP_TOL_SCALE` scales all of them; with 0 every check prints its residual
 //! and fails.
 
+mod beside;
 mod contact;
 mod efg;
 mod efg_beams;

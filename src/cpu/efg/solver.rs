@@ -71,6 +71,21 @@ struct PieceRow {
     row: usize,
 }
 
+/// The rows of cells before any cut, and whose they are.
+fn uncut_rows(bricks: &mut Bricks, rows: Rows) -> Result<(RowTable, HashMap<u32, Vec<PieceRow>>)> {
+    match rows {
+        Rows::Irregular => Ok(Default::default()),
+        Rows::All => {
+            // No cell is a brick's own any more.
+            bricks.cells.fill(0);
+            let lattice = bricks.model.lattice();
+            let of_cell =
+                |(row, (cell, _))| (lattice.corners(cell)[0], vec![PieceRow { corners: 0xff, row }]);
+            Ok((RowTable::of_all(lattice)?, lattice.occupied().enumerate().map(of_cell).collect()))
+        }
+    }
+}
+
 /// A place that members of a job share; who may write it when is said where that is done.
 struct Place<T>(*mut T);
 // SAFETY: access is ordered by the meetings of the job.
@@ -82,21 +97,7 @@ impl<R: EfgReal> EfgSolver<R> {
     /// Fails when the operating system starts no more threads.
     pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize, copies: usize) -> Result<Self> {
         let mut bricks = Bricks::new(model.clone(), copies.div_ceil(BRICK_SLOTS));
-        let mut rows_of = HashMap::new();
-        let rows = match desc.rows {
-            Rows::Irregular => RowTable::default(),
-            Rows::All => {
-                // No cell is a brick's own any more.
-                bricks.cells.fill(0);
-                let cells = model.lattice().occupied().enumerate();
-                rows_of = cells
-                    .map(|(row, (cell, _))| {
-                        (model.lattice().corners(cell)[0], vec![PieceRow { corners: 0xff, row }])
-                    })
-                    .collect();
-                RowTable::of_all(model.lattice())?
-            }
-        };
+        let (rows, rows_of) = uncut_rows(&mut bricks, desc.rows)?;
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
         let contact = ContactSurface::new(model.clone());
@@ -107,7 +108,7 @@ impl<R: EfgReal> EfgSolver<R> {
             system,
             rows_of,
             uploaded,
-            flags: flags_of(&bricks),
+            flags: bricks.flags(),
             laws: *model.laws(),
             dt: 0.0,
             is_stale: true,
@@ -226,6 +227,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let wall_n_m = wall_n_m(&self.laws, self.bricks.model.lattice().cell_m());
         let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
+            bricks,
             u_before: &Field(Vec::new()),
             u,
             v,
@@ -311,13 +313,6 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
     }
 }
 
-/// Flags of all slots; those without a node are held.
-fn flags_of(bricks: &Bricks) -> Vec<u8> {
-    let mut flags = bricks.model.lattice().flags().to_vec();
-    flags.resize(bricks.slot_count(), flag::FIX_ALL);
-    flags
-}
-
 impl<R: EfgReal> EfgSolver<R> {
     /// Gives the pieces of a divided cell rows, each turned as what it was part of.
     fn hang(&mut self, cell: u32, divided: &DividedCell) {
@@ -347,8 +342,6 @@ impl<R: EfgReal> EfgSolver<R> {
             hung.push(PieceRow { corners: piece.piece.corners, row });
         }
         self.rows_of.insert(cell, hung);
-        // It is no brick's own any more.
-        self.bricks.cells[cell as usize] = 0;
     }
 }
 
@@ -470,9 +463,9 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, _stable_dt: f64) -> Result<()> {
+        self.bricks.divide(topology, change);
         for birth in &change.births {
-            self.bricks.hold(birth.slot);
             self.flags[birth.slot as usize] =
                 self.flags[topology.origin(birth.slot) as usize] & !flag::GRASPED;
             self.u.set(birth.slot, self.u.vec3(birth.from));
@@ -486,6 +479,17 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
         self.contact.lose_track();
+        Ok(())
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        self.bricks.heal();
+        let (rows, rows_of) = uncut_rows(&mut self.bricks, self.desc.rows)?;
+        self.rows_of = rows_of;
+        self.flags[self.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
+        self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
+        self.uploaded += self.system.upload(&self.bricks);
+        self.is_stale = true;
         Ok(())
     }
 

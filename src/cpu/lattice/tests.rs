@@ -35,7 +35,9 @@ fn accelerations<R: CpuReal>(
     let mut marks = vec![Mark::default(); bricks.count()];
     let mut scratch = Scratch::new();
     let mut v_next = nodes.v.clone();
+    let pieces = Pieces::default();
     let pass = Pass {
+        pieces: &pieces,
         bricks,
         flags: lattice.flags(),
         laws: &tables,

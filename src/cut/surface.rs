@@ -26,6 +26,7 @@ mod arrange;
 mod divide;
 mod glue;
 pub mod grid;
+mod groups;
 mod hang;
 mod jitter;
 mod unroll;

@@ -6,6 +6,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::arrange::{Arrangement, edges};
+use super::groups::Groups;
 use super::jitter::Tie;
 use super::walls::Walls;
 
@@ -151,13 +152,13 @@ fn between_sheets(halves: &[(u32, Sheet)], walls: &Walls) -> Pairs {
         return Some(vec![within(0)?, within(1)?]);
     }
     let wall = |w: u32| &walls.triangles[w as usize];
-    if let [v, w] = there[..] {
-        if wall(v).corners[0] == wall(w).corners[0] {
-            // They run on from one to the other, and face the same node or opposite ones.
-            let turned = usize::from(wall(v).faces != wall(w).faces);
-            let pair = |side: usize| Some([only(v, side)?, only(w, side ^ turned)?]);
-            return Some(vec![pair(0)?, pair(1)?]);
-        }
+    if let [v, w] = there[..]
+        && wall(v).corners[0] == wall(w).corners[0]
+    {
+        // They run on from one to the other, and face the same node or opposite ones.
+        let turned = usize::from(wall(v).faces != wall(w).faces);
+        let pair = |side: usize| Some([only(v, side)?, only(w, side ^ turned)?]);
+        return Some(vec![pair(0)?, pair(1)?]);
     }
     // They stand around an edge between a face and the inside of a cell: the back of each sees the front of the next.
     there.sort_by_key(|&w| wall(w).place.turn);
@@ -167,27 +168,19 @@ fn between_sheets(halves: &[(u32, Sheet)], walls: &Walls) -> Pairs {
 
 /// Gives corners that are glued a vertex.
 fn join(mut faces: Vec<([u32; 3], Part)>, twins: &[u32], outer_vertices: u32) -> Result<Glued, Tie> {
-    let mut group: Vec<u32> = (0..twins.len() as u32).collect();
-    fn root(group: &mut [u32], mut n: u32) -> u32 {
-        while group[n as usize] != n {
-            group[n as usize] = group[group[n as usize] as usize];
-            n = group[n as usize];
-        }
-        n
-    }
+    let mut groups = Groups::new(twins.len());
     let after = |half: u32| half - half % 3 + (half + 1) % 3;
     for half in 0..twins.len() as u32 {
         let twin = twins[half as usize];
         if twin != NONE {
             // The corner that a half edge starts from has its number.
-            let (a, b) = (root(&mut group, half), root(&mut group, after(twin)));
-            group[a.max(b) as usize] = a.min(b);
+            groups.join(half, after(twin));
         }
     }
     let mut sheet_of: HashMap<u32, Sheet> = HashMap::new();
     for half in 0..twins.len() as u32 {
         if let Part::Wall(sheet) = faces[half as usize / 3].1 {
-            let lowest = sheet_of.entry(root(&mut group, half)).or_insert(sheet);
+            let lowest = sheet_of.entry(groups.of(half)).or_insert(sheet);
             *lowest = (*lowest).min(sheet);
         }
     }
@@ -198,12 +191,13 @@ fn join(mut faces: Vec<([u32; 3], Part)>, twins: &[u32], outer_vertices: u32) ->
             if *point < outer_vertices {
                 continue;
             }
-            let group = root(&mut group, (3 * n + i) as u32);
-            if !vertex_of.contains_key(&group) {
-                vertex_of.insert(group, outer_vertices + vertices.len() as u32);
+            let group = groups.of((3 * n + i) as u32);
+            let next = outer_vertices + vertices.len() as u32;
+            let vertex = *vertex_of.entry(group).or_insert(next);
+            if vertex == next {
                 vertices.push((Place::Point(*point), *sheet_of.get(&group).ok_or(Tie)?));
             }
-            *point = vertex_of[&group];
+            *point = vertex;
         }
     }
     Ok(Glued { faces, vertices })

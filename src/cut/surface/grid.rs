@@ -7,6 +7,7 @@
 
 use std::collections::{BTreeSet, HashMap, HashSet, VecDeque};
 
+use super::groups::Groups;
 use crate::cut::cell::{Crossings, EDGES, Wall, divide};
 use crate::cut::topology::{LatticeEdge, Topology};
 use crate::model::lattice::Lattice;
@@ -17,16 +18,19 @@ pub type GridNode = [i32; 3];
 pub type GridEdge = (GridNode, usize);
 
 /// A grid in which edges are cut.
+#[derive(Debug)]
 pub struct Grid<'a> {
     lattice: &'a Lattice,
     topology: &'a Topology,
     /// The cut edges that no tissue cell has.
     margin: HashMap<GridEdge, f64>,
     parents: HashMap<GridNode, u32>,
-    components: Components,
+    /// The lowest slot of the whole that each node is a part of, by slots.
+    components: Vec<u32>,
 }
 
 /// A cell with walls in it.
+#[derive(Debug)]
 pub struct GridCell {
     /// Its lowest node.
     pub at: GridNode,
@@ -104,7 +108,7 @@ impl<'a> Grid<'a> {
         beyond: &HashMap<GridEdge, f64>,
         reach: usize,
     ) -> Self {
-        let components = Components::new(lattice, topology);
+        let components = components(lattice, topology);
         let mut grid =
             Self { lattice, topology, margin: HashMap::new(), parents: HashMap::new(), components };
         let nodes = grid.nodes_near_cuts(beyond, reach);
@@ -177,7 +181,7 @@ impl<'a> Grid<'a> {
 
     /// Whether two tissue nodes are parts of one whole.
     pub fn are_connected(&self, a: u32, b: u32) -> bool {
-        self.components.of(a) == self.components.of(b)
+        self.components[a as usize] == self.components[b as usize]
     }
 
     /// Nodes beside empty cells, near the edges that are cut.
@@ -278,46 +282,23 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// Which nodes uncut edges of the tissue connect.
-struct Components(Vec<u32>);
-
-impl Components {
-    fn new(lattice: &Lattice, topology: &Topology) -> Self {
-        let mut components = Self((0..lattice.slot_count() as u32).collect());
-        let mut cut = vec![0_u8; lattice.slot_count()];
-        for (edge, _) in topology.crossings() {
-            cut[edge.slot as usize] |= 1 << edge.axis;
-        }
-        for slot in lattice.slots() {
-            for axis in 0..3 {
-                // Materials of the four cells that have the edge upward from a node.
-                let around = [0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000][axis];
-                if lattice.words()[slot as usize] & around == 0 || cut[slot as usize] >> axis & 1 != 0 {
-                    continue;
-                }
-                let other = self::slot(lattice, step(node_of(lattice, slot), axis, 1));
-                let other = other.expect("a tissue edge has two nodes");
-                let (a, b) = (components.root(slot), components.root(other));
-                components.0[a.max(b) as usize] = a.min(b);
+/// The lowest slot of the nodes that uncut edges of the tissue connect each node with, by slots.
+fn components(lattice: &Lattice, topology: &Topology) -> Vec<u32> {
+    let mut groups = Groups::new(lattice.slot_count());
+    let mut cut = vec![0_u8; lattice.slot_count()];
+    for (edge, _) in topology.crossings() {
+        cut[edge.slot as usize] |= 1 << edge.axis;
+    }
+    for slot in lattice.slots() {
+        for axis in 0..3 {
+            // Materials of the four cells that have the edge upward from a node.
+            let around = [0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000][axis];
+            if lattice.words()[slot as usize] & around == 0 || cut[slot as usize] >> axis & 1 != 0 {
+                continue;
             }
+            let other = self::slot(lattice, step(node_of(lattice, slot), axis, 1));
+            groups.join(slot, other.expect("a tissue edge has two nodes"));
         }
-        for slot in 0..components.0.len() as u32 {
-            let root = components.root(slot);
-            components.0[slot as usize] = root;
-        }
-        components
     }
-
-    fn root(&mut self, mut slot: u32) -> u32 {
-        while self.0[slot as usize] != slot {
-            let above = self.0[self.0[slot as usize] as usize];
-            self.0[slot as usize] = above;
-            slot = above;
-        }
-        slot
-    }
-
-    fn of(&self, slot: u32) -> u32 {
-        self.0[slot as usize]
-    }
+    groups.all()
 }

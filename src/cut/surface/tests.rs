@@ -131,23 +131,14 @@ fn area(cut: &CutSurface, triangles: &[[u32; 3]]) -> f64 {
 
 /// The triangles that share vertices, part by part.
 fn parts(cut: &CutSurface) -> Vec<Vec<[u32; 3]>> {
-    let mut above: Vec<u32> = (0..cut.positions.len() as u32).collect();
-    fn root(above: &mut [u32], mut n: u32) -> u32 {
-        while above[n as usize] != n {
-            above[n as usize] = above[above[n as usize] as usize];
-            n = above[n as usize];
-        }
-        n
-    }
-    for t in &cut.triangles {
-        for &v in &t[1..] {
-            let (a, b) = (root(&mut above, t[0]), root(&mut above, v));
-            above[a.max(b) as usize] = a.min(b);
-        }
+    let mut groups = groups::Groups::new(cut.positions.len());
+    for &[a, b, c] in &cut.triangles {
+        groups.join(a, b);
+        groups.join(a, c);
     }
     let mut parts: BTreeMap<u32, Vec<[u32; 3]>> = BTreeMap::new();
     for t in &cut.triangles {
-        parts.entry(root(&mut above, t[0])).or_default().push(*t);
+        parts.entry(groups.of(t[0])).or_default().push(*t);
     }
     parts.into_values().collect()
 }
@@ -387,4 +378,49 @@ fn what_no_wall_meets_keeps_its_numbers() {
         kept += usize::from(is_beside);
     }
     assert!(kept > body.surface.triangles.len() / 2);
+}
+
+#[test]
+fn both_sheets_of_a_wall_have_the_same_texture_coordinates_in_cells() {
+    let mut body = ball();
+    let normal = Vec3::new(0.3, 0.2, 1.0).normalize();
+    body.cut(plane(Vec3::repeat(5.1), normal), true);
+    let cut = body.surface();
+    let mut at: HashMap<[u64; 3], [f32; 2]> = HashMap::new();
+    for &v in cut.triangles[cut.first_wall..].iter().flatten() {
+        let (place, uv) = (cut.positions[v as usize], cut.wall_uvs[v as usize]);
+        let other = at.entry(place.map(f64::to_bits).into()).or_insert(uv);
+        assert!((0..2).all(|i| (uv[i] - other[i]).abs() < 1e-4));
+    }
+    for corners in &cut.triangles[cut.first_wall..] {
+        for [a, b] in arrange::edges(*corners).map(|edge| edge.map(|v| v as usize)) {
+            let length = (cut.positions[a] - cut.positions[b]).norm() / H;
+            let [du, dv] = [0, 1].map(|i| f64::from(cut.wall_uvs[a][i] - cut.wall_uvs[b][i]));
+            assert!((du.hypot(dv) - length).abs() < 5e-3, "lengths are kept in a plane");
+        }
+    }
+}
+
+#[test]
+fn next_to_a_slit_vertices_move_with_their_own_side() {
+    // Nodes above the slit rise by one, those below sink: nothing of the surface that is well behind the front stays between.
+    let mut body = ball();
+    let height = |p: Vec3| p.y - 4.7 - 0.11 * p.z;
+    let at = |x: f64, z: f64| Vec3::new(x, 4.7 + 0.11 * z, z);
+    body.cut([at(6.3, -900.0), at(6.3, 900.0), at(-900.0, 0.0)], true);
+    let cut = body.surface();
+    let rises = |slot: u32| {
+        let origin = body.topology.origin(slot);
+        let is_above = height(body.lattice.rest_position(origin) / H) > 0.0;
+        if is_above == (slot == origin) { 1.0 } else { -1.0 }
+    };
+    let mut seen = 0;
+    for (row, place) in cut.rows.iter().zip(&cut.positions).filter(|(_, place)| place.x < 4.9 * H) {
+        let rise: f64 = (0..8).map(|n| f64::from(row.weights[n]) * rises(row.nodes[n])).sum();
+        assert!((rise.abs() - 1.0).abs() < 1e-5, "{rise} at {}", place / H);
+        let there = height(place / H);
+        assert!(there.abs() < 2e-3 || rise * there > 0.0);
+        seen += usize::from(there.abs() < 2e-3);
+    }
+    assert!(seen > 50);
 }

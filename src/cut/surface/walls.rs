@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::grid::{GridCell, GridNode, corner_node};
 use super::jitter::jitter;
-use crate::cut::cell::Place;
+use crate::cut::cell::{EDGES, Place};
 use crate::math::Vec3;
 
 /// Farther than a cell's walls reach beyond it for the jitter, in cells.
@@ -44,8 +44,8 @@ type Feature = ([i32; 3], usize);
 
 fn features(cell: GridNode, place: &Place) -> [Feature; 3] {
     let middle = cell.map(|x| 2 * x + 1);
-    let axis = crate::cut::cell::EDGES[place.edge].axis;
-    let mut edge = corner_node(cell, crate::cut::cell::EDGES[place.edge].low).map(|x| 2 * x);
+    let axis = EDGES[place.edge].axis;
+    let mut edge = corner_node(cell, EDGES[place.edge].low).map(|x| 2 * x);
     edge[axis] += 1;
     let mut face = middle;
     face[place.face / 2] += 2 * (place.face % 2) as i32 - 1;

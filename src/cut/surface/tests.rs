@@ -102,7 +102,9 @@ impl Body {
                     self.lattice.rest_position(self.topology.origin(row.nodes[n])) * f64::from(row.weights[n])
                 })
                 .sum();
-            assert!((there - at).norm() < 1e-5 * H, "{there} {at}");
+            // Weights in single precision, large where a vertex lies far outside of the tissue.
+            let most = 1e-6 * row.weights.iter().map(|w| f64::from(w.abs())).sum::<f64>();
+            assert!((there - at).norm() < most * H, "{there} {at}");
         }
         let wholes = self.wholes();
         for part in parts(cut) {

@@ -56,7 +56,7 @@ pub(super) struct State {
     next_id: u64,
     pub(super) body: Body,
     report: StepReport,
-    statistics: Statistics,
+    pub(super) statistics: Statistics,
     pub latency: Latency,
     tool_work_j: f64,
     diverged_at: Option<f64>,
@@ -406,7 +406,7 @@ impl State {
         for (slot, mass) in masses {
             // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
-            let flags = self.body.flags[self.origin(slot) as usize];
+            let flags = self.flags_of(slot);
             let a = accelerations.get(slot as usize).map_or(Vec3::zeros(), |a| a + gravity);
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
@@ -466,7 +466,7 @@ impl State {
     }
 
     /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
-    fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
+    pub(super) fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
         if let Err(Error::Device(why)) = &answer {
             self.lost = Some(why.clone());
             self.events.tell(Event::DeviceLost { time_s: self.statistics.time_s });

@@ -64,6 +64,7 @@ pub mod device;
 pub mod flags;
 pub mod follower;
 pub mod impedance;
+pub mod lead;
 pub mod passivity;
 pub mod patch;
 pub mod safety;

@@ -36,6 +36,15 @@ pub struct Patch {
     pub cell_m: f64,
 }
 
+/// What resists a tool that goes another way than in the last step, in N/m and so on about its origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// The cell's under the contact: it goes on with what velocity it was given.
+    pub cell: Mat6,
+    /// That of the tissue behind: waves carry away what it was given, as a damper takes it.
+    pub waves: Mat6,
+}
+
 /// Share of the largest friction from which on a contact counts as sliding.
 const SLIDING: f64 = 0.9;
 /// Least 1 − 2 ν, that of the largest Poisson's ratio that models take: a pressure wave of incompressible tissue would have no end.
@@ -93,20 +102,22 @@ impl Patch {
         self.springs(origin, normal, 8.0 * shear * self.radius_m / (2.0 - poisson))
     }
 
-    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin: m / T², for the force that turns
-    /// the tissue's velocity into the tool's acts as long as the step. The tissue is what lies under the contact as deep as a cell and a wave in that time: a
-    /// pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in Elastic Solids", 1973, chapter 4). A single point
-    /// moves all nodes of its cell, and so as much as lies under four faces.
-    pub fn inertia(&self, origin: &Pose, step_s: f64) -> Mat6 {
+    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin. The tissue is what lies under the contact
+    /// as deep as a cell, which resists by m / T², for the force that turns its velocity into the tool's acts as long as the step; and as deep as a wave goes in
+    /// that time: a pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in Elastic Solids", 1973, chapter 4). A
+    /// single point moves all nodes of its cell, and so as much as lies under four faces.
+    pub fn inertia(&self, origin: &Pose, step_s: f64) -> Inertia {
         let Tissue { young_pa, poisson, density_kg_m3, .. } = self.tissue;
         let shear = young_pa / (2.0 * (1.0 + poisson));
         let pressure = 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson).max(LEAST_GIVE);
         let area = (PI * self.radius_m * self.radius_m).max(4.0 * self.cell_m * self.cell_m);
-        let resists = |modulus: f64| {
-            let depth = self.cell_m + (modulus / density_kg_m3).sqrt() * step_s;
-            density_kg_m3 * area * depth / (step_s * step_s)
-        };
-        self.springs(origin, resists(pressure), resists(shear))
+        let resists = |depth_m: f64| density_kg_m3 * area * depth_m / (step_s * step_s);
+        let wave = |modulus: f64| resists((modulus / density_kg_m3).sqrt() * step_s);
+        let cell = resists(self.cell_m);
+        Inertia {
+            cell: self.springs(origin, cell, cell),
+            waves: self.springs(origin, wave(pressure), wave(shear)),
+        }
     }
 
     /// Springs that hold the contact, N/m along the normal and, where it sticks, across it, about the tool's origin.
@@ -212,16 +223,20 @@ mod tests {
         let patch = Patch { tissue: SOFT, cell_m: cell, ..patch() };
         for step in [1e-3, 4e-3] {
             let inertia = patch.inertia(&Pose::identity(), step);
+            assert!(
+                (stiffness_along(&inertia.cell, Vec3::x()) - 3.0 * area / (step * step)).abs()
+                    < 1e-6 / (step * step)
+            );
             for (axis, speed) in [(Vec3::z(), 4.355), (Vec3::x(), 1.313)] {
                 let expected = 1000.0 * area * (cell + speed * step) / (step * step);
-                let found = stiffness_along(&inertia, axis);
+                let found = stiffness_along(&(inertia.cell + inertia.waves), axis);
                 assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
             }
         }
         let slippery = Patch { sticks: false, ..patch };
-        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3), Vec3::x()), 0.0);
+        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3).waves, Vec3::x()), 0.0);
         let incompressible = Patch { tissue: Tissue { poisson: 0.5, ..SOFT }, ..patch };
-        assert!(incompressible.inertia(&Pose::identity(), 1e-3).iter().all(|x| x.is_finite()));
+        assert!(incompressible.inertia(&Pose::identity(), 1e-3).waves.iter().all(|x| x.is_finite()));
     }
 
     #[test]

@@ -5,18 +5,16 @@ use std::time::Instant;
 use crate::math::{Pose, Vec3};
 use crate::model::material::Material;
 use crate::servo::ServoOptions;
-use crate::servo::contact_model::{ContactModel, stiffness_along};
+use crate::servo::contact_model::ContactModel;
 use crate::servo::coupling::Coupling;
 use crate::servo::device::DeviceDesc;
-use crate::servo::impedance::{BlockLimit, clamped, displacement};
+use crate::servo::impedance::displacement;
+use crate::servo::lead::Lead;
 use crate::servo::patch::{Patch, Tissue};
 use crate::servo::stiffness::StiffnessEstimator;
 use crate::solver::tool::{Contact, ToolForce, ToolMotion};
 
 use super::tool_port::Asked;
-
-/// Tissue that resists a change of way by so many times the stiffest spring holds a proxy still: found by the map of stability (`benches/servo`).
-const HEAVY: f64 = 3.0;
 
 /// Makes the contact models of one tool.
 #[derive(Debug)]
@@ -31,27 +29,26 @@ pub(super) struct Haptics {
     cell_m: f64,
     /// Where the tool was at the end of the last step.
     last: Option<Pose>,
-    /// What models may say to a proxy, which balances forces against them. A device that feels the tissue directly goes where it goes, and is told of nothing that
-    /// comes and goes with a step.
-    stiffest: Option<BlockLimit>,
-    /// The stiffest spring that the device renders.
-    spring_n_per_m: f64,
+    /// Of a tool on a spring. A device that feels the tissue directly goes where it goes, and is told of nothing that comes and goes with a step.
+    lead: Option<Lead>,
 }
 
 impl Haptics {
     /// For a tool in a model with cells of this edge, in m.
     pub fn new(device: &DeviceDesc, options: &ServoOptions, cell_m: f64) -> Self {
-        let limits = options.coupling.limits(device);
+        let lead = match &options.coupling {
+            Coupling::Direct => None,
+            Coupling::Virtual(coupling) => Some(Lead::new(coupling)),
+        };
         Self {
-            estimator: StiffnessEstimator::new(&limits),
+            estimator: StiffnessEstimator::new(&options.coupling.limits(device)),
             sequence: 0,
             epoch: 0,
             solved_at: None,
             stamp_s: f64::NAN,
             cell_m,
             last: None,
-            stiffest: matches!(options.coupling, Coupling::Virtual(_)).then_some(limits.stiffness),
-            spring_n_per_m: device.max_stiffness.linear,
+            lead,
         }
     }
 
@@ -96,22 +93,32 @@ impl Haptics {
             sequence: self.sequence,
             epoch: self.epoch,
         };
-        let (Some(patch), Some(last), Some(stiffest)) = (patch, last, &self.stiffest) else { return model };
-        let pose = &asked.motion.pose;
-        let inertia = patch.inertia(pose, duration);
-        // At life's pace the next step is under way before this model is felt: tissue about as heavy as the spring is stiff would be answered a step too late, and
-        // shake; what is far heavier holds the proxy still, late or not.
-        let heavy = (stiffness_along(&inertia, patch.normal) / (HEAVY * self.spring_n_per_m)).powi(2);
-        let slowness = 1.0 - duration / period_s;
-        let inertia = inertia * slowness.max(heavy / (1.0 + heavy));
-        let model = model.going_on(&displacement(&last, pose), &inertia);
-        ContactModel { stiffness: clamped(&model.stiffness, stiffest), ..model }
+        let Some(lead) = &mut self.lead else { return model };
+        match (patch, last) {
+            (Some(patch), Some(last)) => {
+                let pose = &asked.motion.pose;
+                lead.touch(&patch.inertia(pose, duration), &displacement(&last, pose));
+            }
+            _ => lead.let_go(),
+        }
+        match lead.resistance() {
+            Some((way, resistance)) => model.going_on(&way, &resistance),
+            None => model,
+        }
+    }
+
+    /// Where the tool ends a step of `step_s` seconds that begins at `from`.
+    pub fn led(&self, from: &Pose, asked: &ToolMotion, step_s: f64) -> ToolMotion {
+        self.lead.as_ref().map_or(*asked, |lead| lead.end(from, &asked.pose, step_s))
     }
 
     /// Nothing is touched any more, or not what was: the servo engages anew.
     pub fn release(&mut self, motion: &ToolMotion) -> ContactModel {
         self.estimator.reset();
         self.last = None;
+        if let Some(lead) = &mut self.lead {
+            lead.let_go();
+        }
         self.sequence += 1;
         self.epoch += 1;
         let (sequence, epoch) = (self.sequence, self.epoch);

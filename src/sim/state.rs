@@ -503,9 +503,10 @@ impl State {
             let Some(mut asked) = *newest else { continue };
             // A tool appears where it is first set, without having swept the way there.
             let from = tool.stands.unwrap_or(asked).motion.pose;
-            if let Some((_, hearing)) = &mut tool.device {
+            if let Some((haptics, hearing)) = &mut tool.device {
                 tool.began.get_or_insert(asked);
-                asked.motion = reached(&from, &asked.motion, tool.desc.bounding_radius_m(), self.desc.step_s);
+                let (step_s, radius) = (self.desc.step_s, tool.desc.bounding_radius_m());
+                asked.motion = reached(&from, &haptics.led(&from, &asked.motion, step_s), radius, step_s);
                 if hearing.falls_silent(is_news, now) {
                     self.events.tell(Event::ServoSilent { time_s, tool: id });
                 }

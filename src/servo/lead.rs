@@ -5,12 +5,14 @@
 //! step is under way before it hears, for then tissue as stiff as its spring answers a step late.
 //!
 //! So the tool hangs on a second spring, here, where nothing is late: between where the servo asks it to be and where the tissue's mass lets it go, balanced for the
-//! end of each step. It pulls against inertia alone, so that a tool at rest is where it was asked to be. Then, however heavy the tissue
-//! is, the answer to an asked place changes by no more than that spring, K_s, for each metre. The proxy balances it against the coupling, K_vc, and moves by
-//! K_s / K_vc of what the last place was wrong by: with a spring softer than the coupling's every echo is weaker than what it answers, however late it comes.
-//! That alone would be enough where tissue only resists (the small-gain theorem; Zames 1966). A mass also swings on the spring, and nothing need damp it: with half
-//! of the coupling's stiffness it comes to rest up to 6 steps late, or 4 where it was taken for 0.6 of what it is; with 1.5 times it would not from 4 on. Steps
-//! follow each other, so that one model is late by one or two.
+//! end of each step. It pulls against inertia alone, so that a tool at rest is where it was asked to be. What it pulled with is then left out of the model, since a servo that
+//! hears of a blow has no more to do about it, and is told instead what the next step will take: all that is yet to come, and nothing twice.
+//!
+//! However heavy the tissue is, the answer to an asked place changes by no more than that spring, K_s, for each metre. The proxy balances it against the coupling, K_vc, and
+//! moves by K_s / (K_vc + K_s) of what the last place was wrong by: every echo is weaker than what it answers, however late it comes (the small-gain theorem; Zames
+//! 1966), as long as the mass on the spring, which nothing need damp, does not swing in step with its echoes. With half of the coupling's stiffness it comes to rest 8
+//! steps late as well as at once, where it was taken for 0.6 to 1.5 times of what it is; with all of it not from 6 on. Steps follow each other, so that one model is late by one
+//! or two.
 
 use nalgebra::Cholesky;
 
@@ -20,7 +22,7 @@ use super::patch::Inertia;
 use crate::math::{Mat6, Pose, Quat, Vec6};
 use crate::solver::tool::ToolMotion;
 
-/// The spring as a share of the coupling's: below 1, or a blow would echo for ever.
+/// The spring as a share of the coupling's: with all of it, late echoes go on.
 const SHARE: f64 = 0.5;
 
 /// Leads the tool of one proxy.
@@ -33,8 +35,7 @@ pub struct Lead {
 /// What a tool meets that goes another way than its last.
 #[derive(Clone, Copy, Debug)]
 struct Touched {
-    /// What the cell under the tool, which goes on as in the last step, pulls the tool on with.
-    goes_on: Vec6,
+    inertia: Inertia,
     /// The tool's way in the last step.
     way: Vec6,
     /// Of spring and inertia together.
@@ -51,11 +52,17 @@ impl Lead {
         Self { spring: isotropic(SHARE * coupling.stiffness_n_per_m, turning), touched: None }
     }
 
-    /// The tool has gone a way in the last step, and touches tissue of this inertia.
-    pub fn touch(&mut self, inertia: &Inertia, way: &Vec6) {
+    /// The tool has gone a way in the last step, and touches tissue of this inertia. Gives what it took to turn the tissue's way into the tool's; tissue that was not touched before
+    /// is taken to have stood.
+    pub fn touch(&mut self, inertia: &Inertia, way: &Vec6) -> Vec6 {
+        let before = self.touched.as_ref().map_or(Vec6::zeros(), |touched| touched.way);
         // The spring makes it definite; an inertia that is not finite leads nothing.
         let factor = Cholesky::new(self.spring + inertia.cell + inertia.waves);
-        self.touched = factor.map(|factor| Touched { goes_on: inertia.cell * way, way: *way, factor });
+        self.touched = factor.map(|factor| Touched { inertia: *inertia, way: *way, factor });
+        match &self.touched {
+            Some(_) => inertia.cell * (way - before) + inertia.waves * way,
+            None => Vec6::zeros(),
+        }
     }
 
     /// The tool touches nothing.
@@ -70,7 +77,7 @@ impl Lead {
         let (gone, pose) = match &self.touched {
             None => (wished, *asked),
             Some(touched) => {
-                let gone = touched.factor.solve(&(self.spring * wished + touched.goes_on));
+                let gone = touched.factor.solve(&(self.spring * wished + touched.inertia.cell * touched.way));
                 let turned = Quat::from_scaled_axis(angular(&gone)) * from.rotation;
                 (gone, Pose::from_parts((from.translation.vector + linear(&gone)).into(), turned))
             }
@@ -78,12 +85,13 @@ impl Lead {
         ToolMotion { pose, linear_m_s: linear(&gone) / step_s, angular_rad_s: angular(&gone) / step_s }
     }
 
-    /// The tool's way in the last step, and what it meets for each metre that it is asked to go beyond that in the next: spring and inertia in series. `None`
-    /// where it touches nothing.
-    pub fn resistance(&self) -> Option<(Vec6, Mat6)> {
+    /// The tool's way in the last step; what the spring pulls it back with in the next if it is asked to stop; and with how much more for each metre that it is
+    /// asked to go: spring and inertia in series. `None` where it touches nothing.
+    pub fn resistance(&self) -> Option<(Vec6, Vec6, Mat6)> {
         let touched = self.touched.as_ref()?;
         let series = self.spring - self.spring * touched.factor.solve(&self.spring);
-        Some((touched.way, (series + series.transpose()) / 2.0))
+        let stops = self.spring * touched.factor.solve(&(touched.inertia.cell * touched.way));
+        Some((touched.way, stops, (series + series.transpose()) / 2.0))
     }
 }
 
@@ -146,7 +154,9 @@ mod tests {
                 let asked = Vec6::new(-1e-3, 5e-4, 2e-3, 2e-3, 0.0, 1e-3);
                 let ((felt, pull), (before, _)) = (blow(&asked), blow(&way));
                 assert!((felt - pull).norm() < 1e-6 * felt.norm(), "{felt} {pull}");
-                let (last, told) = lead.resistance().unwrap();
+                let (last, stopping, told) = lead.resistance().unwrap();
+                let (stopped, _) = blow(&Vec6::zeros());
+                assert!((stopped + stopping).norm() < 1e-6 * stopping.norm(), "{stopped} {stopping}");
                 let expected = told * (asked - last);
                 assert!((felt - before - expected).norm() < 1e-6 * felt.norm(), "{felt} {before} {expected}");
                 let values = told.symmetric_eigenvalues();
@@ -176,20 +186,20 @@ mod tests {
             // What it takes to change the mass's way.
             let felt = -resists(mass_kg) * (way - before);
             (at, before) = (tool.pose, way);
-            lead.touch(&taken_for, &way);
-            let (way, resistance) = lead.resistance().unwrap();
-            let model = ContactModel { wrench: wrench(&felt), motion: tool, ..ContactModel::none() };
-            models.push(model.going_on(&way, &resistance));
+            let lasting = wrench(&(felt + lead.touch(&taken_for, &way)));
+            let (way, stopping, resistance) = lead.resistance().unwrap();
+            let model = ContactModel { wrench: lasting, motion: tool, ..ContactModel::none() };
+            models.push(model.going_on(&way, &stopping, &resistance));
             most = most.max((proxy.motion().pose.translation.z + 2e-3).abs());
         }
         [most, (proxy.motion().pose.translation.z + 2e-3).abs()]
     }
 
     #[test]
-    fn a_proxy_that_hears_late_comes_to_rest_on_a_mass_however_heavy_and_taken_for_less() {
-        for (taken_for, latest) in [(1.0, 6), (0.6, 4)] {
+    fn a_proxy_that_hears_late_comes_to_rest_on_a_mass_however_heavy_and_taken_for_less_or_more() {
+        for taken_for in [0.6, 1.0, 1.5] {
             for mass_kg in (0..40).map(|i| 1e-5 * 1.3_f64.powi(i)) {
-                for steps_late in 0..=latest {
+                for steps_late in 0..=8 {
                     let [most, last] = drags(mass_kg, taken_for * mass_kg, steps_late);
                     // The way that it began with, and never more.
                     let is_calm = most < 2e-3 && last < 0.5 * 2e-3;

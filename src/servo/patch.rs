@@ -39,7 +39,7 @@ pub struct Patch {
 /// What resists a tool that goes another way than in the last step, in N/m and so on about its origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertia {
-    /// The cell's under the contact: it goes on with what velocity it was given.
+    /// That of the nodes under the contact: they go on with what velocity they were given.
     pub cell: Mat6,
     /// That of the tissue behind: waves carry away what it was given, as a damper takes it.
     pub waves: Mat6,
@@ -102,20 +102,22 @@ impl Patch {
         self.springs(origin, normal, 8.0 * shear * self.radius_m / (2.0 - poisson))
     }
 
-    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin. The tissue is what lies under the contact
-    /// as deep as a cell, which resists by m / T², for the force that turns its velocity into the tool's acts as long as the step; and as deep as a wave goes in
-    /// that time: a pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in Elastic Solids", 1973, chapter 4). A
-    /// single point moves all nodes of its cell, and so as much as lies under four faces.
-    pub fn inertia(&self, origin: &Pose, step_s: f64) -> Inertia {
+    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin; the points of the contact move `mass_kg` at
+    /// once. That resists by m / T², for the force that turns its velocity into the tool's acts as long as the step. It is half a cell deep, as a surface's nodes are in a
+    /// lattice; by a step's end a wave has gone on from there, c T deep: a pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in
+    /// Elastic Solids", 1973, chapter 4). A row of masses, pulled at its end at a steady speed, has then taken up 2 x − 1 times as much as the first of them, where x = c T / h is above
+    /// 1, and x² below, where only the first spring has answered.
+    pub fn inertia(&self, origin: &Pose, step_s: f64, mass_kg: f64) -> Inertia {
         let Tissue { young_pa, poisson, density_kg_m3, .. } = self.tissue;
         let shear = young_pa / (2.0 * (1.0 + poisson));
         let pressure = 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson).max(LEAST_GIVE);
-        let area = (PI * self.radius_m * self.radius_m).max(4.0 * self.cell_m * self.cell_m);
-        let resists = |depth_m: f64| density_kg_m3 * area * depth_m / (step_s * step_s);
-        let wave = |modulus: f64| resists((modulus / density_kg_m3).sqrt() * step_s);
-        let cell = resists(self.cell_m);
+        let resists = mass_kg / (step_s * step_s);
+        let wave = |modulus: f64| {
+            let cells = (modulus / density_kg_m3).sqrt() * step_s / self.cell_m;
+            resists * if cells < 1.0 { cells * cells } else { 2.0 * cells - 1.0 }
+        };
         Inertia {
-            cell: self.springs(origin, cell, cell),
+            cell: self.springs(origin, resists, resists),
             waves: self.springs(origin, wave(pressure), wave(shear)),
         }
     }
@@ -175,6 +177,8 @@ mod tests {
             depth_m: 1e-3,
             force_n: Vec3::new(drag, 0.0, -1.0) * (2.0 * pressure / total),
             material: if x < 0.0 { 1 } else { 2 },
+            vertices: [0; 3],
+            shares: [1.0, 0.0, 0.0],
         };
         points.iter().map(contact).collect()
     }
@@ -217,26 +221,38 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_is_as_heavy_as_what_a_wave_reaches_in_a_step() {
+    fn a_contact_is_as_heavy_as_its_nodes_and_what_waves_take_up_in_a_step() {
         // 5 kPa, ν 0.45: M = 18.97 kPa and G = 1.724 kPa; waves of 4.355 and 1.313 m/s.
-        let (area, cell) = (PI * 25e-6, 3e-3);
+        let (mass, cell) = (2e-3, 3e-3);
         let patch = Patch { tissue: SOFT, cell_m: cell, ..patch() };
-        for step in [1e-3, 4e-3] {
-            let inertia = patch.inertia(&Pose::identity(), step);
-            assert!(
-                (stiffness_along(&inertia.cell, Vec3::x()) - 3.0 * area / (step * step)).abs()
-                    < 1e-6 / (step * step)
-            );
+        for step in [0.2e-3, 1e-3, 4e-3] {
+            let Inertia { cell: nodes, waves } = patch.inertia(&Pose::identity(), step, mass);
             for (axis, speed) in [(Vec3::z(), 4.355), (Vec3::x(), 1.313)] {
-                let expected = 1000.0 * area * (cell + speed * step) / (step * step);
-                let found = stiffness_along(&(inertia.cell + inertia.waves), axis);
-                assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
+                assert!((stiffness_along(&nodes, axis) * step * step / mass - 1.0).abs() < 1e-12);
+                let expected = row_of_masses(speed * step / cell);
+                let found = stiffness_along(&waves, axis) * step * step / mass;
+                assert!((found - expected).abs() < 0.15 * (1.0 + expected), "{found} {expected}");
             }
         }
         let slippery = Patch { sticks: false, ..patch };
-        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3).waves, Vec3::x()), 0.0);
+        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3, mass).waves, Vec3::x()), 0.0);
         let incompressible = Patch { tissue: Tissue { poisson: 0.5, ..SOFT }, ..patch };
-        assert!(incompressible.inertia(&Pose::identity(), 1e-3).waves.iter().all(|x| x.is_finite()));
+        assert!(incompressible.inertia(&Pose::identity(), 1e-3, mass).waves.iter().all(|x| x.is_finite()));
+    }
+
+    /// Momentum that a row of unit masses on unit springs has taken up, beyond the first's, when that one has been moved at unit speed for a time; the first
+    /// mass is half of the others, so in its measure twice as much.
+    fn row_of_masses(time: f64) -> f64 {
+        let (mut at, mut speed, steps) = ([0.0_f64; 60], [0.0; 60], 20_000);
+        let dt = time / f64::from(steps);
+        for step in 0..steps {
+            at[0] = f64::from(step) * dt;
+            for i in 1..59 {
+                speed[i] += dt * (at[i - 1] - 2.0 * at[i] + at[i + 1]);
+            }
+            (1..59).for_each(|i| at[i] += dt * speed[i]);
+        }
+        2.0 * speed.iter().sum::<f64>()
     }
 
     #[test]

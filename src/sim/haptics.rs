@@ -2,17 +2,17 @@
 
 use std::time::Instant;
 
-use crate::math::{Pose, Vec3};
+use crate::math::{Pose, Vec3, Vec6};
 use crate::model::material::Material;
 use crate::servo::ServoOptions;
 use crate::servo::contact_model::ContactModel;
 use crate::servo::coupling::Coupling;
 use crate::servo::device::DeviceDesc;
-use crate::servo::impedance::displacement;
+use crate::servo::impedance::{displacement, linear, stacked, wrench};
 use crate::servo::lead::Lead;
 use crate::servo::patch::{Patch, Tissue};
 use crate::servo::stiffness::StiffnessEstimator;
-use crate::solver::tool::{Contact, ToolForce, ToolMotion};
+use crate::solver::tool::{Contact, ToolForce, ToolMotion, Wrench};
 
 use super::tool_port::Asked;
 
@@ -52,7 +52,8 @@ impl Haptics {
         }
     }
 
-    /// The model after a step that took `duration` of simulated time and ended `now`. `contacts` are the tool's, world frame.
+    /// The model after a step that took `duration` of simulated time and ended `now`. `contacts` are the tool's, world frame, and move
+    /// `mass_kg` at once.
     pub fn model(
         &mut self,
         asked: &Asked,
@@ -62,6 +63,7 @@ impl Haptics {
         duration: f64,
         now: Instant,
         materials: &[Material],
+        mass_kg: impl FnOnce() -> f64,
     ) -> ContactModel {
         let tissue = |material: u8| {
             let found = usize::from(material).checked_sub(1).and_then(|index| materials.get(index));
@@ -74,15 +76,27 @@ impl Haptics {
             })
         };
         let patch = Patch::of(contacts, tissue, friction, self.cell_m);
-        let found = self.estimator.update(patch.as_ref(), &asked.motion, &felt.wrench, duration);
+        let last = self.last.replace(asked.motion.pose);
+        let way = last.map(|last| displacement(&last, &asked.motion.pose));
+        let wrench = match (&mut self.lead, &patch, &way) {
+            (Some(lead), Some(patch), Some(way)) => {
+                let inertia = patch.inertia(&asked.motion.pose, duration, mass_kg());
+                lasting(&felt.wrench, &lead.touch(&inertia, way), &patch.normal)
+            }
+            (Some(lead), ..) => {
+                lead.let_go();
+                felt.wrench
+            }
+            (None, ..) => felt.wrench,
+        };
+        let found = self.estimator.update(patch.as_ref(), &asked.motion, &wrench, duration);
         let since = self.solved_at.replace(now).map(|last| now.duration_since(last).as_secs_f64());
         // On the servo's own clock where it moves on, because the servo fades and ages by that one: a host may let time pass as it likes.
         let stamped = asked.stamp_s - std::mem::replace(&mut self.stamp_s, asked.stamp_s);
         let period_s = if stamped > 0.0 { Some(stamped) } else { since }.unwrap_or(duration);
         self.sequence += 1;
-        let last = self.last.replace(asked.motion.pose);
         let model = ContactModel {
-            wrench: felt.wrench,
+            wrench,
             motion: asked.motion,
             stiffness: found.stiffness,
             damping: found.damping,
@@ -93,16 +107,8 @@ impl Haptics {
             sequence: self.sequence,
             epoch: self.epoch,
         };
-        let Some(lead) = &mut self.lead else { return model };
-        match (patch, last) {
-            (Some(patch), Some(last)) => {
-                let pose = &asked.motion.pose;
-                lead.touch(&patch.inertia(pose, duration), &displacement(&last, pose));
-            }
-            _ => lead.let_go(),
-        }
-        match lead.resistance() {
-            Some((way, resistance)) => model.going_on(&way, &resistance),
+        match self.lead.as_ref().and_then(Lead::resistance) {
+            Some((way, stopping, resistance)) => model.going_on(&way, &stopping, &resistance),
             None => model,
         }
     }
@@ -124,4 +130,12 @@ impl Haptics {
         let (sequence, epoch) = (self.sequence, self.epoch);
         ContactModel { motion: *motion, sequence, epoch, ..ContactModel::none() }
     }
+}
+
+/// What is left of a wrench once the tissue under the tool goes as the tool does: never a pull.
+fn lasting(felt: &Wrench, blow: &Vec6, push: &Vec3) -> Wrench {
+    let felt = stacked(felt);
+    let (pushed, struck) = (linear(&felt).dot(push), -linear(blow).dot(push));
+    let share = if struck > pushed { (pushed / struck).max(0.0) } else { 1.0 };
+    wrench(&(felt + blow * share))
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::body::Body;
+use super::carried::Carried;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -67,6 +68,7 @@ pub(super) struct State {
     sums: Vec<ToolSum>,
     /// Contacts of the tool at hand, world frame.
     touched: Vec<Contact>,
+    carried: Carried,
     events: Events,
     moved_regions: Vec<RegionStep>,
 }
@@ -103,6 +105,7 @@ impl State {
             moved_regions: Vec::with_capacity(model.regions().len()),
             sums: Vec::with_capacity(MAX_TOOLS),
             touched: Vec::with_capacity(MAX_TOUCHED),
+            carried: Carried::default(),
             events,
             model,
         };
@@ -615,8 +618,18 @@ impl State {
                 tool.entered = Some(asked);
             }
             let friction = tool.desc.friction;
-            let materials = &self.body.materials;
-            let model = haptics.model(&asked, &force, touched, friction, duration, now, materials);
+            let Body { materials, laws, flags, .. } = &self.body;
+            let (lattice, rows) =
+                (self.model.lattice(), &self.model.surfaces()[self.model.contact_surface()].rows);
+            let mobility = |slot: u32, push: &Vec3| {
+                let push = frame.inverse() * push;
+                let held = flags[slot as usize];
+                let free = (0..3).filter(|axis| held & (flag::GRASPED | flag::FIX_X << axis) == 0);
+                let square: f64 = free.map(|axis| push[axis] * push[axis]).sum();
+                square / lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg)
+            };
+            let mass_kg = || self.carried.mass_kg(touched, rows, mobility);
+            let model = haptics.model(&asked, &force, touched, friction, duration, now, materials, mass_kg);
             tool.felt.publish(Felt { force, model });
         }
         self.check()

@@ -521,6 +521,8 @@ mod tests {
             tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         };
         let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };
         let way = Vec6::new(1e-3, 0.0, -2e-3, 0.01, -0.02, 0.0);

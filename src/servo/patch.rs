@@ -34,6 +34,10 @@ pub struct Patch {
     pub sticks: bool,
     /// Edge of the cells that the tissue is divided into, in m; 0 where it is not.
     pub cell_m: f64,
+    /// What those of its points resist by along the normal that cannot move, in N/m; 0 without such points.
+    pub wall_n_per_m: f64,
+    /// Share of the force that is on them.
+    pub wall_share: f64,
 }
 
 /// What resists a tool that goes another way than in the last step, in N/m and so on about its origin.
@@ -51,8 +55,8 @@ const SLIDING: f64 = 0.9;
 const LEAST_GIVE: f64 = 0.02;
 
 impl Patch {
-    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for; `friction` is the tool's
-    /// coefficient; `cell_m` the edge of the tissue's cells, 0 where it is not divided.
+    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for, `is_held` whether a point is on
+    /// what cannot move; `friction` is the tool's coefficient; `cell_m` the edge of the tissue's cells, 0 where it is not divided.
     ///
     /// All is weighed by the normal forces. The radius is that of the circle over which Hertz's pressure, p ∝ √(1 − r²/a²), has the same mean square
     /// distance from its middle: 2 a² / 5; but at least that of a circle as large as a cell's face, for a single point has no extent of its own, but moves
@@ -60,6 +64,7 @@ impl Patch {
     pub fn of(
         contacts: &[Contact],
         tissue: impl Fn(u8) -> Tissue,
+        is_held: impl Fn(&Contact) -> bool,
         friction: f64,
         cell_m: f64,
     ) -> Option<Self> {
@@ -76,6 +81,9 @@ impl Patch {
         let normal = push_direction(contacts.iter().map(|c| c.normal * -pressing(c)));
         let aside =
             |c: &Contact| (c.point_m - point_m - normal * normal.dot(&(c.point_m - point_m))).norm_squared();
+        let held = |c: &Contact| if is_held(c) { 1.0 } else { 0.0 };
+        // Contact answers to such a point's depth alone, and in proportion.
+        let wall = |c: &Contact| held(c) * normal.dot(&c.normal).powi(2) * pressing(c) / c.depth_m;
         let dragging = contacts.iter().map(|c| c.force_n - c.normal * pressing(c)).sum::<Vec3>();
         Some(Self {
             point_m,
@@ -84,22 +92,29 @@ impl Patch {
             tissue: Tissue {
                 young_pa: mean(&|c| tissue(c.material).young_pa),
                 poisson: mean(&|c| tissue(c.material).poisson),
-                relaxation_s: mean(&|c| tissue(c.material).relaxation_s),
+                relaxation_s: mean(&|c| (1.0 - held(c)) * tissue(c.material).relaxation_s),
                 density_kg_m3: mean(&|c| tissue(c.material).density_kg_m3),
             },
+            wall_n_per_m: contacts.iter().filter(|c| pressing(c) > 0.0 && c.depth_m > 0.0).map(wall).sum(),
+            wall_share: mean(&held),
             cell_m,
             sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
         })
     }
 
-    /// The stiffness that this contact has on a half-space, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
+    /// Whether nothing of it can move.
+    pub fn is_wall(&self) -> bool {
+        self.wall_share == 1.0
+    }
+
+    /// The stiffness that this contact has on a half-space, and that of what cannot move, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
     /// as that of a rigid circle of radius a (Johnson, "Contact Mechanics", 1985, chapters 3 and 7).
     pub fn stiffness(&self, origin: &Pose) -> Mat6 {
         let Tissue { young_pa, poisson, .. } = self.tissue;
         let plane_strain = young_pa / (1.0 - poisson * poisson);
         let shear = young_pa / (2.0 * (1.0 + poisson));
         let normal = 2.0 * plane_strain * self.radius_m;
-        self.springs(origin, normal, 8.0 * shear * self.radius_m / (2.0 - poisson))
+        self.springs(origin, normal + self.wall_n_per_m, 8.0 * shear * self.radius_m / (2.0 - poisson))
     }
 
     /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin; the points of the contact move `mass_kg` at
@@ -160,6 +175,8 @@ mod tests {
             },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         }
     }
 
@@ -181,6 +198,10 @@ mod tests {
             shares: [1.0, 0.0, 0.0],
         };
         points.iter().map(contact).collect()
+    }
+
+    fn free(_: &Contact) -> bool {
+        false
     }
 
     #[test]
@@ -211,7 +232,7 @@ mod tests {
             1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3, density_kg_m3: 900.0 },
             _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3, density_kg_m3: 1100.0 },
         };
-        let found = Patch::of(&hertzian(0.0), tissue, 0.0, 1e-3).unwrap();
+        let found = Patch::of(&hertzian(0.0), tissue, free, 0.0, 1e-3).unwrap();
         assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
         assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
         // A line of points more on one half than on the other.
@@ -259,27 +280,42 @@ mod tests {
     fn a_single_point_is_as_stiff_as_the_smallest_contact() {
         let point = Contact { force_n: -Vec3::z(), ..hertzian(0.0)[0] };
         let cell_m = 2e-3 * PI.sqrt();
-        let found = Patch::of(&[point], |_| SOFT, 0.3, cell_m).unwrap();
+        let found = Patch::of(&[point], |_| SOFT, free, 0.3, cell_m).unwrap();
         let stiffness = stiffness_along(&found.stiffness(&Pose::identity()), Vec3::z());
         assert!((stiffness - 2.0 * 5e3 / (1.0 - 0.45 * 0.45) * 2e-3).abs() < 1e-9, "2 E* a: {stiffness}");
         // Where points make a larger circle, that is the contact's.
-        assert!(Patch::of(&hertzian(0.0), |_| SOFT, 0.3, cell_m).unwrap().radius_m > 3.9e-3);
+        assert!(Patch::of(&hertzian(0.0), |_| SOFT, free, 0.3, cell_m).unwrap().radius_m > 3.9e-3);
+    }
+
+    #[test]
+    fn points_that_cannot_move_are_as_stiff_as_they_answer_and_have_no_viscosity() {
+        let viscous = |_| Tissue { relaxation_s: 1e-3, ..SOFT };
+        let points = hertzian(0.0);
+        let soft = Patch::of(&points, viscous, free, 0.0, 1e-3).unwrap();
+        let wall = Patch::of(&points, viscous, |_| true, 0.0, 1e-3).unwrap();
+        let along = |patch: &Patch| stiffness_along(&patch.stiffness(&Pose::identity()), Vec3::z());
+        // 2 N over a depth of 1 mm.
+        assert!((along(&wall) - along(&soft) - 2000.0).abs() < 1e-6);
+        assert!(wall.is_wall() && !soft.is_wall() && wall.tissue.relaxation_s == 0.0);
+        let half = Patch::of(&points, viscous, |c| c.material == 1, 0.0, 1e-3).unwrap();
+        assert!(!half.is_wall() && (half.wall_share - 0.5).abs() < 0.02, "{half:?}");
     }
 
     #[test]
     fn a_contact_sticks_inside_the_cone_of_friction() {
-        let sticks =
-            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| SOFT, friction, 0.0).unwrap().sticks;
+        let sticks = |drag: f64, friction: f64| {
+            Patch::of(&hertzian(drag), |_| SOFT, free, friction, 0.0).unwrap().sticks
+        };
         assert!(sticks(0.2, 0.3) && !sticks(0.3, 0.3) && !sticks(0.0, 0.0));
     }
 
     #[test]
     fn nothing_that_pushes_is_no_contact() {
-        assert_eq!(Patch::of(&[], |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&[], |_| SOFT, free, 0.0, 1e-3), None);
         let still: Vec<_> =
             hertzian(0.0).into_iter().map(|c| Contact { force_n: Vec3::zeros(), ..c }).collect();
-        assert_eq!(Patch::of(&still, |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&still, |_| SOFT, free, 0.0, 1e-3), None);
         let lost = Contact { force_n: Vec3::repeat(f64::NAN), ..still[0] };
-        assert_eq!(Patch::of(&[lost], |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&[lost], |_| SOFT, free, 0.0, 1e-3), None);
     }
 }

@@ -52,8 +52,8 @@ impl Haptics {
         }
     }
 
-    /// The model after a step that took `duration` of simulated time and ended `now`. `contacts` are the tool's, world frame, and move
-    /// `mass_kg` at once.
+    /// The model after a step that took `duration` of simulated time and ended `now`. `contacts` are the tool's, world frame; those
+    /// that `is_held` says are on what cannot move, and the others move `mass_kg` at once.
     pub fn model(
         &mut self,
         asked: &Asked,
@@ -63,6 +63,7 @@ impl Haptics {
         duration: f64,
         now: Instant,
         materials: &[Material],
+        is_held: impl Fn(&Contact) -> bool,
         mass_kg: impl FnOnce() -> f64,
     ) -> ContactModel {
         let tissue = |material: u8| {
@@ -75,13 +76,15 @@ impl Haptics {
                 density_kg_m3: material.density_kg_m3,
             })
         };
-        let patch = Patch::of(contacts, tissue, friction, self.cell_m);
+        let patch = Patch::of(contacts, tissue, is_held, friction, self.cell_m);
         let last = self.last.replace(asked.motion.pose);
         let way = last.map(|last| displacement(&last, &asked.motion.pose));
+        let pose = &asked.motion.pose;
         let wrench = match (&mut self.lead, &patch, &way) {
             (Some(lead), Some(patch), Some(way)) => {
-                let inertia = patch.inertia(&asked.motion.pose, duration, mass_kg());
-                lasting(&felt.wrench, &lead.touch(&inertia, way), &patch.normal)
+                let felt = if patch.is_wall() { pressed(contacts, pose) } else { felt.wrench };
+                let inertia = patch.inertia(pose, duration, mass_kg());
+                lasting(&felt, &lead.touch(&inertia, way), &patch.normal)
             }
             (Some(lead), ..) => {
                 lead.let_go();
@@ -138,4 +141,12 @@ fn lasting(felt: &Wrench, blow: &Vec6, push: &Vec3) -> Wrench {
     let (pushed, struck) = (linear(&felt).dot(push), -linear(blow).dot(push));
     let share = if struck > pushed { (pushed / struck).max(0.0) } else { 1.0 };
     wrench(&(felt + blow * share))
+}
+
+/// The wrench at the step's end, on a tool at a pose, of what answers to where the tool is and to nothing else: a step's mean is late by half the tool's way.
+fn pressed(contacts: &[Contact], pose: &Pose) -> Wrench {
+    contacts.iter().fold(Wrench::default(), |sum, contact| Wrench {
+        force_n: sum.force_n - contact.force_n,
+        torque_n_m: sum.torque_n_m - (contact.point_m - pose.translation.vector).cross(&contact.force_n),
+    })
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::body::Body;
-use super::carried::Carried;
+use super::carried::{Carried, Mobility, is_held};
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -624,12 +624,15 @@ impl State {
             let mobility = |slot: u32, push: &Vec3| {
                 let push = frame.inverse() * push;
                 let held = flags[slot as usize];
+                let kg = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
                 let free = (0..3).filter(|axis| held & (flag::GRASPED | flag::FIX_X << axis) == 0);
                 let square: f64 = free.map(|axis| push[axis] * push[axis]).sum();
-                square / lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg)
+                Mobility { free: square / kg, all: push.norm_squared() / kg }
             };
-            let mass_kg = || self.carried.mass_kg(touched, rows, mobility);
-            let model = haptics.model(&asked, &force, touched, friction, duration, now, materials, mass_kg);
+            let is_held = |contact: &Contact| is_held(contact, rows, mobility);
+            let mass_kg = || self.carried.mass_kg(touched.iter().filter(|c| !is_held(c)), rows, mobility);
+            let model =
+                haptics.model(&asked, &force, touched, friction, duration, now, materials, is_held, mass_kg);
             tool.felt.publish(Felt { force, model });
         }
         self.check()

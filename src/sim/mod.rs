@@ -10,6 +10,7 @@
 
 mod backend;
 mod body;
+mod carried;
 mod cut;
 mod drive;
 mod event;

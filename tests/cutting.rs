@@ -197,7 +197,7 @@ fn a_reset_makes_tissue_whole_again() {
         assert_ne!(press(&mut cut), expected);
         cut.reset();
         assert_eq!(cut.parts().len(), 1);
-        let largest = expected.iter().map(|u| u.norm()).fold(0.0, f64::max);
+        let largest = expected.iter().map(Vec3::norm).fold(0.0, f64::max);
         let off = press(&mut cut).iter().zip(&expected).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
         assert!(off < EXACT * largest, "{off} of {largest}");
     }
@@ -216,7 +216,7 @@ fn cells_with_rows_of_their_own_are_cut_as_others_are() {
         }
         sim.nodes(NodeField::Displacement)
     });
-    let largest = moved[0].iter().map(|u| u.norm()).fold(0.0, f64::max);
+    let largest = moved[0].iter().map(Vec3::norm).fold(0.0, f64::max);
     for (a, b) in moved[0].iter().zip(&moved[1]) {
         assert!((a - b).norm() < 1e-7 * largest);
     }

@@ -263,7 +263,7 @@ mod tests {
         let d = d - n.iter().filter(|&&x| x < 0.0).sum::<f64>();
         let n = n.abs();
         let cubes = (0..8).map(|corner| {
-            let sign = if (corner as u32).count_ones() % 2 == 0 { 1.0 } else { -1.0 };
+            let sign = if (corner as u32).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 };
             sign * (d - n.dot(&corner_at(corner))).max(0.0).powi(3)
         });
         cubes.sum::<f64>() / (6.0 * n.x * n.y * n.z)

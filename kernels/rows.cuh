@@ -4,10 +4,10 @@
 
 namespace efg_kernel {
 
-// How the nodes of a row move: the mean displacement gradient at its cell, and the weighted mean displacement.
+// How the nodes of a row move: the displacement gradient at its cell, and the affine motion that fits theirs best.
 template <class R>
 struct RowMotion {
-    Matrix<R> gradient;
+    Matrix<R> gradient, fit;
     V3<R> mean;
 };
 
@@ -34,6 +34,10 @@ __device__ __forceinline__ RowMotion<R> row_motion(const Efg& e, uint32_t row, c
         const V3<R> u = vector_of<R>(field, entry.slot);
         motion.mean = plus(motion.mean, u, entry.share);
         for (int j = 0; j < 3; ++j) {
+            const R shared = entry.share * entry.arm[j];
+            motion.fit.m[0][j] += u.x * shared;
+            motion.fit.m[1][j] += u.y * shared;
+            motion.fit.m[2][j] += u.z * shared;
             motion.gradient.m[0][j] += u.x * entry.gradient[j];
             motion.gradient.m[1][j] += u.y * entry.gradient[j];
             motion.gradient.m[2][j] += u.z * entry.gradient[j];
@@ -61,7 +65,7 @@ __device__ __forceinline__ V3<R> force_of_rows(const Efg& e, uint32_t slot, cons
         const Moduli<R> by = moduli[cell.material];
         const RowMotion<R> motion = row_motion<R>(e, place.row, field);
         const V3<R> pull = product(stress(motion.gradient, row_frame<R>(e, place.row), by), entry.gradient);
-        const V3<R> unseen = plus(plus(own, motion.mean, R(-1)), product(motion.gradient, entry.arm), R(-1));
+        const V3<R> unseen = plus(plus(own, motion.mean, R(-1)), product(motion.fit, entry.arm), R(-1));
         sum = plus(plus(sum, pull, -cell.volume), unseen, -by.hourglass * cell.fill * entry.share);
     }
     return sum;
@@ -82,8 +86,8 @@ __device__ __forceinline__ Block<R> block_of_rows(const Efg& e, uint32_t slot, c
         // As for a corner of a regular cell, with b = ∇φ.
         const V3<R> t = product(a, b);
         const R straight = cell.volume * by.mu * (b[0] * b[0] + (b[1] * b[1] + b[2] * b[2])), along = cell.volume * (by.lambda + by.mu);
-        const R arm = b[0] * entry.arm[0] + (b[1] * entry.arm[1] + b[2] * entry.arm[2]);
-        const R unseen = by.hourglass * cell.fill * entry.share * (R(1) - entry.share - arm);
+        const R arm2 = entry.arm[0] * entry.arm[0] + (entry.arm[1] * entry.arm[1] + entry.arm[2] * entry.arm[2]);
+        const R unseen = by.hourglass * cell.fill * entry.share * (R(1) - entry.share - entry.share * arm2);
         const auto gram = [&](int i, int j) { return straight * (a.m[i][0] * a.m[j][0] + (a.m[i][1] * a.m[j][1] + a.m[i][2] * a.m[j][2])); };
         sum.xx += gram(0, 0) + along * t.x * t.x + unseen, sum.xy += gram(0, 1) + along * t.x * t.y, sum.xz += gram(0, 2) + along * t.x * t.z;
         sum.yy += gram(1, 1) + along * t.y * t.y + unseen, sum.yz += gram(1, 2) + along * t.y * t.z;

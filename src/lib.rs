@@ -7,7 +7,7 @@
 //!                                           └──────────── sim::SurfacePort::map ──▶ vertices, normals
 //! ```
 //!
-//! [`model`] says what is simulated, immutable and shared; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed;
+//! [`model`] says what is simulated, immutable and shared; [`cut`] what blades make of it; [`solver`] how a step is asked for; [`cpu`] and [`cuda`] where it is computed;
 //! [`sim`] who drives; [`servo`] how a haptic device feels it; [`channel`] how threads meet. [`capi`] is the C interface over all of it,
 //! and nothing imports it. What the tissue obeys is described in [`model::law`].
 //!
@@ -42,6 +42,7 @@ pub mod capi;
 pub mod channel;
 pub mod cpu;
 pub mod cuda;
+pub mod cut;
 pub mod error;
 pub mod log;
 pub mod math;

@@ -527,6 +527,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         rest_under_gravity: desc.flags & PLP_SIM_REST_UNDER_GRAVITY != 0,
         drag_per_s: desc.drag_per_s,
         sleeping: desc.flags & PLP_SIM_SLEEPING != 0,
+        cut_nodes: 0,
     })
 }
 

@@ -1,8 +1,7 @@
 //! Nodes that a tool holds: they go where it goes, and it feels what that takes.
 
 use super::lanes::Real;
-use super::nodes::Nodes;
-use crate::model::lattice::Lattice;
+use super::nodes::{Bricks, Nodes};
 use crate::solver::{ToolStep, ToolSum};
 
 /// Takes the nodes that a tool holds to where it is at the fraction `t` of the step, at the end of a substep of `dt` seconds in which they moved by
@@ -11,7 +10,7 @@ pub fn carry<R: Real>(
     tool: &ToolStep,
     t: f64,
     dt: f64,
-    lattice: &Lattice,
+    bricks: &Bricks,
     corner_kg: &[f64; 16],
     nodes: &mut Nodes<R>,
     sum: &mut ToolSum,
@@ -22,9 +21,9 @@ pub fn carry<R: Real>(
     let mut furthest = 0.0_f64;
     for &(slot, place) in tool.grasped.iter() {
         let arm = pose.rotation * place;
-        let moved = pose.translation.vector + arm - lattice.rest_position(slot);
+        let moved = pose.translation.vector + arm - bricks.model.lattice().rest_position(slot);
         let way = moved - u.vec3(slot);
-        let mass = lattice.node_mass(slot, |material| corner_kg[usize::from(material)]);
+        let mass = bricks.node_mass(slot, |material| corner_kg[usize::from(material)]);
         let impulse = (way / dt - v.vec3(slot)) * mass;
         sum.impulse.force_n -= impulse;
         sum.impulse.torque_n_m -= arm.cross(&impulse);

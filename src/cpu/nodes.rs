@@ -1,11 +1,13 @@
 //! State of the nodes and what the kernel must know about their bricks, in memory order.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::lanes::{Octet, Real};
+use crate::cut::topology::{Change, Topology};
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::lattice::{BRICK, BRICK_SLOTS};
+use crate::model::lattice::{BRICK, BRICK_SLOTS, flag};
 
 /// Rows of eight nodes in a brick.
 pub const BRICK_ROWS: usize = BRICK[1] * BRICK[2];
@@ -108,7 +110,7 @@ impl<R: Real> Nodes<R> {
     }
 }
 
-/// The bricks of a model as the kernel walks them.
+/// The bricks of a model as the kernel walks them, and behind them loose ones, which hold the copies of nodes that cuts make and touch no other brick.
 #[derive(Debug)]
 pub struct Bricks {
     /// The model whose bricks these are.
@@ -120,13 +122,29 @@ pub struct Bricks {
     /// Material of the cell whose lowest corner is in each slot: what the kernel needs of the words, in a quarter of the memory. The empty
     /// brick is the last.
     pub cells: Vec<u8>,
+    /// Once cells were divided.
+    cut: Option<Cut>,
+}
+
+/// What nodes weigh where cells were divided.
+#[derive(Debug)]
+struct Cut {
+    /// [`Lattice::words`] without the divided cells.
+    words: Vec<u32>,
+    /// For nodes of pieces: materials, and how many corners of whole cells of it the pieces weigh as much as.
+    shares: HashMap<u32, Vec<(u8, f64)>>,
 }
 
 impl Bricks {
-    /// Neighbours and row masks of a model's bricks.
-    pub fn new(model: Arc<Model>) -> Self {
+    /// Neighbours and row masks of a model's bricks, and so many loose ones.
+    pub fn new(model: Arc<Model>, loose: usize) -> Self {
         let lattice = model.lattice();
-        let neighbours = lattice.surroundings().collect();
+        let own = lattice.bricks().len() as u32;
+        let count = own + loose as u32;
+        // The empty brick comes behind the loose ones.
+        let at_home = |around: [u32; 27]| around.map(|brick| if brick == own { count } else { brick });
+        let alone = |brick: u32| std::array::from_fn(|n| if n == 13 { brick } else { count });
+        let neighbours = lattice.surroundings().map(at_home).chain((own..count).map(alone)).collect();
         let rows = lattice
             .words()
             .chunks_exact(BRICK_SLOTS)
@@ -134,16 +152,72 @@ impl Bricks {
                 let holds = |row: &[u32]| row.iter().any(|&word| word != 0);
                 brick.chunks_exact(8).enumerate().fold(0, |mask, (r, row)| mask | u16::from(holds(row)) << r)
             })
-            .chain([0])
+            .chain(std::iter::repeat_n(0, loose + 1))
             .collect();
-        let empty = [0; BRICK_SLOTS];
+        let empty = std::iter::repeat_n(0, (loose + 1) * BRICK_SLOTS);
         let cells = lattice.words().iter().map(|word| (word >> 28) as u8).chain(empty).collect();
-        Self { neighbours, rows, cells, model }
+        Self { neighbours, rows, cells, model, cut: None }
     }
 
     /// Number of bricks.
     pub fn count(&self) -> usize {
         self.neighbours.len()
+    }
+
+    /// Flags of all slots at first; those without a node are held.
+    pub fn flags(&self) -> Vec<u8> {
+        let mut flags = self.model.lattice().flags().to_vec();
+        flags.resize(self.slot_count(), flag::FIX_ALL);
+        flags
+    }
+
+    /// Number of slots: 128 for each brick.
+    pub fn slot_count(&self) -> usize {
+        self.count() * BRICK_SLOTS
+    }
+
+    /// Notes that a slot of a loose brick holds a node.
+    pub fn hold(&mut self, slot: u32) {
+        let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+        self.rows[brick] |= 1 << (local / 8);
+    }
+
+    /// Makes all cells whole again.
+    pub fn heal(&mut self) {
+        let loose = self.count() - self.model.lattice().bricks().len();
+        *self = Self::new(self.model.clone(), loose);
+    }
+
+    /// Divides cells: they are no brick's own any more, and nodes weigh what the pieces of all divided cells do.
+    pub fn divide(&mut self, topology: &Topology, change: &Change) {
+        for birth in &change.births {
+            self.hold(birth.slot);
+        }
+        let lattice = self.model.lattice();
+        let cut =
+            self.cut.get_or_insert_with(|| Cut { words: lattice.words().to_vec(), shares: HashMap::new() });
+        for &cell in &change.cells {
+            self.cells[cell as usize] = 0;
+            for (corner, slot) in lattice.corners(lattice.node_of(cell)).into_iter().enumerate() {
+                cut.words[slot as usize] &= !(15 << (4 * (7 - corner)));
+            }
+        }
+        cut.shares.clear();
+        for (_, cell) in topology.cells() {
+            for (hung, slot) in cell.pieces.iter().flat_map(|hung| hung.nodes.map(|slot| (hung, slot))) {
+                cut.shares.entry(slot).or_default().push((cell.material, hung.piece.volume));
+            }
+        }
+    }
+
+    /// Mass of the node in a slot, given the corner mass of each material.
+    pub fn node_mass(&self, slot: u32, corner_kg: impl Fn(u8) -> f64) -> f64 {
+        let Some(cut) = &self.cut else { return self.model.lattice().node_mass(slot, corner_kg) };
+        let word = cut.words.get(slot as usize).copied().unwrap_or_default();
+        let whole = (0..8).map(|c| (word >> (4 * c) & 15) as u8).filter(|&material| material != 0);
+        let pieces = cut.shares.get(&slot).into_iter().flatten();
+        whole.map(&corner_kg).sum::<f64>()
+            + pieces.map(|&(material, share)| corner_kg(material) * share).sum::<f64>()
     }
 
     /// The bricks around one that are there, itself among them.

@@ -172,7 +172,9 @@ impl Sleep {
         bricks.list_runs(MAX_RUN, |b| !is_asleep[b], awake);
         let near_awake = |b: usize| is_asleep[b] && bricks.around(b).any(|near| !is_asleep[near]);
         bricks.list_runs(MAX_RUN, near_awake, watched);
-        self.awake_nodes =
-            (0..is_asleep.len()).filter(|&b| !is_asleep[b]).map(|b| u64::from(nodes_in[b])).sum();
+        self.awake_nodes = (0..is_asleep.len())
+            .filter(|&b| !is_asleep[b])
+            .map(|b| u64::from(nodes_in.get(b).copied().unwrap_or_default()))
+            .sum();
     }
 }

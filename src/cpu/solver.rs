@@ -9,12 +9,14 @@ use std::time::Instant;
 
 use super::contact::{ContactNodes, ContactSurface};
 use super::grasp::carry;
+use super::lattice::pieces::Pieces;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
 use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
 use super::sleep::{Sleep, Thresholds};
 use super::stability;
 use super::surface;
 use super::workers::{Member, Workers};
+use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
@@ -40,6 +42,7 @@ struct Core<R: CpuReal> {
     bricks: Bricks,
     flags: Vec<u8>,
     tables: LawTables<R>,
+    pieces: Pieces<R>,
     corner_kg: [f64; 16],
     kernel: Kernel<R>,
     nodes: Nodes<R>,
@@ -75,16 +78,16 @@ struct Shared<T: ?Sized>(*mut T);
 unsafe impl<T: ?Sized> Sync for Shared<T> {}
 
 impl<R: CpuReal> CpuSolver<R> {
-    /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included.
+    /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included, with room for so many copies of nodes.
     ///
     /// Fails when the operating system starts no more threads.
-    pub fn new(model: &Arc<Model>, threads: usize) -> Result<Self> {
+    pub fn new(model: &Arc<Model>, threads: usize, copies: usize) -> Result<Self> {
         let lattice = model.lattice();
         let tables = LawTables::<R>::new(model.laws(), lattice.cell_m());
-        let bricks = Bricks::new(model.clone());
+        let bricks = Bricks::new(model.clone(), copies.div_ceil(BRICK_SLOTS));
         let count = bricks.count();
         let mut core = Core {
-            flags: lattice.flags().to_vec(),
+            flags: bricks.flags(),
             corner_kg: std::array::from_fn(|m| model.laws()[m].corner_kg),
             kernel: R::kernel(&tables),
             nodes: Nodes::at_rest(count, tables.damped),
@@ -103,6 +106,7 @@ impl<R: CpuReal> CpuSolver<R> {
                 marks: std::ptr::null_mut(),
             },
             tables,
+            pieces: Pieces::default(),
             bricks,
         };
         let omega = core.highest_frequency();
@@ -135,6 +139,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
                     // SAFETY: until the meeting every thread only reads the core, but for the bricks that it claims; each has a
                     // scratch of its own.
                     let (core, scratch) = unsafe { (&*core.0, &mut *scratches.0.add(member.index)) };
+                    core.evaluate_pieces(member);
                     core.advance_claimed(plan, &claims[substep as usize & 1], member.count, scratch);
                 }
                 member.meet();
@@ -226,6 +231,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         let core = &mut self.core;
         core.tables = LawTables::new(laws, core.bricks.model.lattice().cell_m());
         core.corner_kg = std::array::from_fn(|material| laws[material].corner_kg);
+        core.pieces.weigh(&core.corner_kg);
         core.kernel = R::kernel(&core.tables);
         core.nodes.keep_velocities(core.tables.damped);
         core.stable_dt = stable_dt;
@@ -247,6 +253,28 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         }
         core.stable_dt = stable_dt;
         self.wake();
+        Ok(())
+    }
+
+    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+        let core = &mut self.core;
+        core.bricks.divide(topology, change);
+        for birth in &change.births {
+            let Nodes { u, u_next, v, v_next } = &mut core.nodes;
+            for field in [u, u_next, v].into_iter().chain(v_next.as_mut()) {
+                field.set(birth.slot, field.vec3(birth.from));
+            }
+        }
+        core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
+        core.contact.lose_track();
+        Ok(())
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        let core = &mut self.core;
+        core.bricks.heal();
+        core.pieces = Pieces::default();
+        core.flags[core.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
         Ok(())
     }
 
@@ -295,6 +323,23 @@ impl<R: CpuReal> Core<R> {
         };
     }
 
+    /// Evaluates the member's share of the pieces; after the meeting all can gather from them.
+    fn evaluate_pieces(&self, member: &Member) {
+        if self.pieces.count() == 0 {
+            return;
+        }
+        // SAFETY: shares are disjoint, and nobody writes the current fields before the meeting.
+        unsafe {
+            self.pieces.evaluate(
+                member.share(self.pieces.count()),
+                &self.tables,
+                self.buffers.u,
+                self.buffers.v,
+            );
+        }
+        member.meet();
+    }
+
     /// Claims runs and advances them until none is left.
     fn advance_claimed(
         &self,
@@ -308,6 +353,7 @@ impl<R: CpuReal> Core<R> {
             bricks: &self.bricks,
             flags: &self.flags,
             laws: &self.tables,
+            pieces: &self.pieces,
             u: self.buffers.u,
             v: self.buffers.v,
             u_next: self.buffers.u_next,
@@ -365,9 +411,8 @@ impl<R: CpuReal> Core<R> {
         for region in plan.regions {
             furthest = furthest.max(self.drive(region, span[1], plan.dt));
         }
-        let model = self.bricks.model.clone();
         for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
-            let way = carry(tool, span[1], plan.dt, model.lattice(), &self.corner_kg, &mut self.nodes, sum);
+            let way = carry(tool, span[1], plan.dt, &self.bricks, &self.corner_kg, &mut self.nodes, sum);
             furthest = furthest.max(way);
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
@@ -378,6 +423,7 @@ impl<R: CpuReal> Core<R> {
             u: u_next,
             v: v_next.as_mut().unwrap_or(v),
             flags: &self.flags,
+            bricks,
             corner_kg: &self.corner_kg,
             dt: plan.dt,
             step: duration,
@@ -421,7 +467,7 @@ impl<R: CpuReal> Core<R> {
     /// Applies a load for one substep. Returns how far a loaded node has moved in it at most, in m.
     fn push(&mut self, loads: &NodalLoads, dt: f64, keep: f64) -> f64 {
         let per_mass = |core: &Self, slot: u32| {
-            dt * keep / core.bricks.model.lattice().node_mass(slot, |m| core.corner_kg[usize::from(m)])
+            dt * keep / core.bricks.node_mass(slot, |m| core.corner_kg[usize::from(m)])
         };
         for &(slot, force) in &loads.forces {
             self.kick(slot, force * per_mass(self, slot), dt);
@@ -470,14 +516,15 @@ impl<R: CpuReal> Core<R> {
     }
 
     fn put_to_sleep(&mut self, plan: &StepPlan) {
-        let Self { bricks, marks, sleep, contact, nodes, .. } = self;
+        let Self { bricks, marks, sleep, contact, nodes, pieces, .. } = self;
         let brick_of = |slot: u32| slot / BRICK_SLOTS as u32;
         let loaded = plan.loads.iter().flat_map(NodalLoads::slots);
         let model = bricks.model.clone();
         let driven = plan.regions.iter().flat_map(|region| model.regions()[&region.label].iter().copied());
         let grasped = plan.tools.iter().flat_map(|tool| tool.grasped.iter().map(|(slot, _)| *slot));
         let acted_on = loaded.chain(driven).chain(grasped).map(brick_of);
-        let touched = contact.touched_bricks().iter().copied().chain(acted_on);
+        // Pieces reach over to bricks that are no neighbours: where there are any, tissue stays awake.
+        let touched = contact.touched_bricks().iter().chain(pieces.bricks()).copied().chain(acted_on);
         sleep.update(bricks, marks, touched, |brick| {
             // The other copy must say the same, for nobody writes it now.
             let octets = brick * BRICK_OCTETS..(brick + 1) * BRICK_OCTETS;
@@ -490,13 +537,17 @@ impl<R: CpuReal> Core<R> {
     }
 
     /// Sums up what the marks of the last substep say.
-    fn measure(&self, report: &mut StepReport) {
+    fn measure(&mut self, report: &mut StepReport) {
         report.awake_nodes = self.sleep.awake_nodes();
         report.awake_bricks = self.sleep.awake().iter().map(|run| run.bricks as u64).sum();
         report.dropped_points = self.contact.dropped_points();
-        let largest = |f: fn(&Mark) -> f32| f64::from(self.marks.iter().map(f).fold(0.0, f32::max));
-        report.strain = largest(|m| m.strain);
-        report.volume_ratio = [1.0 - largest(|m| m.shrinking), 1.0 + largest(|m| m.swelling)];
+        let [strain, swelling, shrinking] = self.pieces.extremes();
+        let largest = |f: fn(&Mark) -> f32, of_pieces: f32| {
+            f64::from(self.marks.iter().map(f).fold(of_pieces, f32::max))
+        };
+        report.strain = largest(|m| m.strain, strain);
+        report.volume_ratio =
+            [1.0 - largest(|m| m.shrinking, shrinking), 1.0 + largest(|m| m.swelling, swelling)];
     }
 
     /// Accelerations by inner forces, without moving anything.
@@ -516,6 +567,7 @@ impl<R: CpuReal> Core<R> {
             bricks: &self.bricks,
             flags: &self.flags,
             laws: &self.tables,
+            pieces: &self.pieces,
             u: u.0.as_ptr(),
             v: v.0.as_ptr(),
             u_next: u_next.0.as_mut_ptr(),
@@ -529,6 +581,8 @@ impl<R: CpuReal> Core<R> {
         let mut runs = Vec::new();
         self.bricks.list_runs(super::lattice::MAX_RUN, |_| true, &mut runs);
         let mut scratch = Scratch::new();
+        // SAFETY: this thread is alone, and the fields are those of all slots.
+        unsafe { self.pieces.evaluate(0..self.pieces.count(), &self.tables, u.0.as_ptr(), v.0.as_ptr()) };
         for run in runs {
             // SAFETY: this thread is alone, and all fields have the size of the model.
             unsafe { (self.kernel)(&pass, run, None, &mut scratch) };

@@ -64,16 +64,27 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = if desc.threads == 0 { cores.min(MAX_THREADS) } else { desc.threads };
     let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
-        (Method::Lattice, Precision::Single) => Box::new(CpuSolver::<f32>::new(model, threads)?),
-        (Method::Lattice, Precision::Double) => Box::new(CpuSolver::<f64>::new(model, threads)?),
-        (Method::Efg(efg), Precision::Single) => Box::new(EfgSolver::<f32>::new(model, efg, threads)?),
-        (Method::Efg(efg), Precision::Double) => Box::new(EfgSolver::<f64>::new(model, efg, threads)?),
+        (Method::Lattice, Precision::Single) => {
+            Box::new(CpuSolver::<f32>::new(model, threads, desc.cut_nodes)?)
+        }
+        (Method::Lattice, Precision::Double) => {
+            Box::new(CpuSolver::<f64>::new(model, threads, desc.cut_nodes)?)
+        }
+        (Method::Efg(efg), Precision::Single) => {
+            Box::new(EfgSolver::<f32>::new(model, efg, threads, desc.cut_nodes)?)
+        }
+        (Method::Efg(efg), Precision::Double) => {
+            Box::new(EfgSolver::<f64>::new(model, efg, threads, desc.cut_nodes)?)
+        }
     };
     let device = format!("CPU, {threads} thread{}", if threads == 1 { "" } else { "s" });
     Ok((solver, Place { backend: Backend::Cpu, device, fallback }))
 }
 
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
+    if desc.cut_nodes > 0 {
+        return Err(Error::Unsupported("tissue is cut on the processor alone".into()));
+    }
     if desc.method == Method::Lattice && desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
     }

@@ -19,7 +19,7 @@ pub(super) struct Body {
     pub flags: Vec<u8>,
     /// The model's highest angular frequency in rad/s, squared, with its own laws and flags.
     omega2: f64,
-    /// Whether something moves that the model holds.
+    /// Whether something moves that the model holds, or stands alone that hung together.
     is_freed: bool,
     pub stable_dt: f64,
 }
@@ -73,6 +73,12 @@ impl Body {
         }
         self.stable_dt = self.bound(model);
         Ok(changed)
+    }
+
+    /// Notes that cells were divided: a piece is as stiff for its mass as a whole cell that stands alone.
+    pub fn note_cut(&mut self, model: &Model) {
+        self.is_freed = true;
+        self.stable_dt = self.bound(model);
     }
 
     /// Notes nodes as held by a tool, or not any more; gives them with their flags.

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use super::body::Body;
 use super::carried::{Carried, Mobility, is_held};
+use super::cut::Cuts;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -13,9 +14,11 @@ use super::reach::reached;
 use super::tool_port::{self, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
+use crate::cut::cell::Piece;
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
+use crate::model::law::CellLaw;
 use crate::model::material::Material;
 use crate::model::{Fix, Model, efg, energy};
 use crate::servo::device::DeviceDesc;
@@ -44,7 +47,7 @@ const MAX_TOUCHED: usize = 1024;
 pub(super) struct State {
     pub model: Arc<Model>,
     pub solver: Box<dyn Solver>,
-    desc: SimDesc,
+    pub(super) desc: SimDesc,
     rest_gravity: Vec3,
     tools: Vec<ToolEnd>,
     load_ids: Vec<LoadId>,
@@ -52,9 +55,9 @@ pub(super) struct State {
     /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
     regions: BTreeMap<u16, (Pose, Pose)>,
     next_id: u64,
-    body: Body,
+    pub(super) body: Body,
     report: StepReport,
-    statistics: Statistics,
+    pub(super) statistics: Statistics,
     pub latency: Latency,
     tool_work_j: f64,
     diverged_at: Option<f64>,
@@ -71,6 +74,7 @@ pub(super) struct State {
     carried: Carried,
     events: Events,
     moved_regions: Vec<RegionStep>,
+    pub(super) cuts: Option<Cuts>,
 }
 
 impl State {
@@ -107,6 +111,7 @@ impl State {
             touched: Vec::with_capacity(MAX_TOUCHED),
             carried: Carried::default(),
             events,
+            cuts: None,
             model,
         };
         let needed = state.substeps_needed();
@@ -227,6 +232,12 @@ impl State {
             // As for a tool that leaves.
             let _ = self.release(index);
         }
+        if self.cuts.take().is_some() {
+            let healed = self.solver.heal();
+            if self.heed(healed).is_err() {
+                return;
+            }
+        }
         self.solver.reset();
         self.diverged_at = None;
         self.report = StepReport::default();
@@ -284,11 +295,13 @@ impl State {
     /// Holds or frees nodes; gives how many that changed.
     pub fn set_held(&mut self, fix: &Fix, is_held: bool) -> Result<usize> {
         self.check()?;
-        let changed = self.body.set_held(&self.model, fix, is_held)?;
+        let mut changed = self.body.set_held(&self.model, fix, is_held)?;
+        let count = changed.len();
+        self.add_copies(&mut changed);
         let answer = self.solver.set_flags(&changed, self.body.stable_dt);
         self.heed(answer)?;
         self.statistics.stable_substep_s = self.body.stable_dt;
-        Ok(changed.len())
+        Ok(count)
     }
 
     /// Has a tool hold the nodes within `reach_m` of it; gives how many it holds.
@@ -386,18 +399,17 @@ impl State {
     }
 
     pub fn energy(&mut self) -> Energy {
-        let lattice = self.model.lattice();
         let laws = &self.body.laws;
+        let masses = self.masses();
         // Velocities of the lattice lag by half a substep.
         let half = if self.desc.method == Method::Lattice { 0.5 * self.statistics.substep_s } else { 0.0 };
         let gravity = self.gravity();
         let accelerations = if half > 0.0 { self.solver.accelerations() } else { Vec::new() };
         let (mut kinetic_j, mut gravity_j) = (0.0, 0.0);
-        for slot in lattice.slots() {
-            let mass = lattice.node_mass(slot, |m| laws[usize::from(m)].corner_kg);
+        for (slot, mass) in masses {
             // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
-            let flags = self.body.flags[slot as usize];
+            let flags = self.flags_of(slot);
             let a = accelerations.get(slot as usize).map_or(Vec3::zeros(), |a| a + gravity);
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
@@ -405,11 +417,17 @@ impl State {
             kinetic_j += 0.5 * mass * v.norm_squared();
             gravity_j -= mass * gravity.dot(&self.solver.displacement(slot));
         }
-        let u = |slot| self.solver.displacement(slot);
-        let elastic_j = match self.desc.method {
-            Method::Lattice => energy::elastic_j(lattice, laws, u),
-            Method::Efg(desc) => efg::energy::elastic_j(lattice, laws, desc.elasticity, u),
+        let h = self.model.lattice().cell_m();
+        let cell_j = |law: &CellLaw, piece: &Piece, u: &[Vec3; 8]| match self.desc.method {
+            Method::Lattice => energy::cell_j(law, h, u),
+            Method::Efg(desc) => efg::energy::cell_j(law, h, desc.elasticity, piece.centroid, u),
         };
+        let hung = self.hung();
+        let elastic = hung.iter().map(|(material, hung)| {
+            let u = hung.nodes.map(|slot| self.solver.displacement(slot));
+            hung.piece.volume * cell_j(&laws[usize::from(*material)], &hung.piece, &u)
+        });
+        let elastic_j = elastic.sum();
         Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
     }
 
@@ -451,7 +469,7 @@ impl State {
     }
 
     /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
-    fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
+    pub(super) fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
         if let Err(Error::Device(why)) = &answer {
             self.lost = Some(why.clone());
             self.events.tell(Event::DeviceLost { time_s: self.statistics.time_s });

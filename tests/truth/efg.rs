@@ -48,7 +48,7 @@ fn forces_of<R: EfgReal>(
     mut u: impl FnMut(Vec3) -> Vec3,
 ) -> (Vec<Vec3>, f64) {
     let lattice = model.lattice();
-    let mut solver = EfgSolver::<R>::new(model, &desc, 1).unwrap();
+    let mut solver = EfgSolver::<R>::new(model, &desc, 1, 0).unwrap();
     let mut furthest = 0.0_f64;
     for slot in lattice.slots() {
         let moved = u(lattice.rest_position(slot));

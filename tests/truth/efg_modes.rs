@@ -34,7 +34,7 @@ impl Stiffness {
     fn of(model: &Arc<Model>) -> Self {
         let lattice = model.lattice();
         let desc = EfgDesc { elasticity: Elasticity::Linear, ..EfgDesc::default() };
-        let mut solver = EfgSolver::<f64>::new(model, &desc, 1).unwrap();
+        let mut solver = EfgSolver::<f64>::new(model, &desc, 1, 0).unwrap();
         let mut nodes: Vec<[usize; 3]> = lattice.slots().map(|slot| lattice.node_of(slot)).collect();
         nodes.sort_unstable();
         let (mut number, mut mass) = (HashMap::new(), Vec::new());

@@ -23,7 +23,7 @@ fn model(build: &Build) -> Arc<Model> {
 /// Nodal forces of a displacement field, and the largest displacement.
 fn forces<R: CpuReal>(model: &Arc<Model>, u: impl Fn(Vec3) -> Vec3) -> (Vec<Vec3>, f64) {
     let lattice = model.lattice();
-    let mut solver = CpuSolver::<R>::new(model, 1).unwrap();
+    let mut solver = CpuSolver::<R>::new(model, 1, 0).unwrap();
     let mut furthest = 0.0_f64;
     let slots = (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0);
     for slot in slots {

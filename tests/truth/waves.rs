@@ -262,7 +262,7 @@ fn the_stable_step_of_random_voxels_is_safe_and_within_theory() {
         let tissue = material(YOUNG, poisson, DENSITY);
         let build = ragged([5, 4, 4], H, 100 + seed, fill, [tissue.clone(), tissue.clone()]);
         let model = std::sync::Arc::new(build.run(&mut |_, _| true).unwrap());
-        let mut solver = CpuSolver::<f64>::new(&model, 1).unwrap();
+        let mut solver = CpuSolver::<f64>::new(&model, 1, 0).unwrap();
         let limit = solver.stable_dt();
         let shortest = 0.55 * H / tissue.longitudinal_speed_m_s();
         assert!(limit >= shortest, "the element theorem promises {shortest:e}, found {limit:e}");

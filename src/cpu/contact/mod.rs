@@ -58,6 +58,8 @@ pub struct ContactNodes<'a, R> {
     pub v: &'a mut Field<R>,
     /// Flag bits.
     pub flags: &'a [u8],
+    /// The bricks that the nodes are in.
+    pub bricks: &'a Bricks,
     /// Corner mass of each material in kg.
     pub corner_kg: &'a [f64; 16],
     /// Substep in s.
@@ -434,7 +436,7 @@ impl ContactSurface {
             let row = &surface.rows[vertex as usize];
             for i in (0..ROW).filter(|&i| row.weights[i] != 0.0) {
                 let weight = share * f64::from(row.weights[i]);
-                let local = self.local_node(row.nodes[i], &model, nodes);
+                let local = self.local_node(row.nodes[i], nodes);
                 match self.carried[start..].iter_mut().find(|(node, _)| *node == local) {
                     Some((_, sum)) => *sum += weight,
                     None => self.carried.push((local, weight)),
@@ -461,12 +463,12 @@ impl ContactSurface {
     }
 
     /// The local number of a node, which is read when first met.
-    fn local_node<R: Real>(&mut self, slot: u32, model: &Model, nodes: &ContactNodes<R>) -> u32 {
+    fn local_node<R: Real>(&mut self, slot: u32, nodes: &ContactNodes<R>) -> u32 {
         let fresh = self.nodes.len() as u32;
         let local = self.index.find_or_insert(slot, fresh);
         if local == fresh {
             let inverse_mass =
-                1.0 / model.lattice().node_mass(slot, |material| nodes.corner_kg[usize::from(material)]);
+                1.0 / nodes.bricks.node_mass(slot, |material| nodes.corner_kg[usize::from(material)]);
             let flags = nodes.flags[slot as usize];
             // What a tool holds yields to none.
             let held = if flags & flag::GRASPED == 0 { flags } else { flag::FIX_ALL };

@@ -295,7 +295,7 @@ mod tests {
         let model = Arc::new(build.run(&mut |_, _| true).unwrap());
         let surface = &model.surfaces()[model.contact_surface()];
         let mut u = Field::<f32>::zeros(model.lattice().bricks().len());
-        let bricks = Bricks::new(model.clone());
+        let bricks = Bricks::new(model.clone(), 0);
         let mut near = Near::new(surface, h);
         let mut awake = Awake::new(surface.triangles.len(), surface.positions.len());
 

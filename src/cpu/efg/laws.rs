@@ -270,7 +270,8 @@ impl<L: Lanes> Law<L, 6> for Diagonal<'_, L::Real> {
         let straight = cell.volume.mul(mu).mul(dot(entry.gradient, entry.gradient));
         let along = cell.volume.mul(lambda.add(mu));
         let hold = self.moduli.hourglass[m].mul(cell.fill).mul(entry.share);
-        let unseen = L::Real::splat(1.0).sub(entry.share).sub(dot(entry.gradient, entry.arm));
+        let seen = entry.share.fma(dot(entry.arm, entry.arm), entry.share);
+        let unseen = L::Real::splat(1.0).sub(seen);
         PAIRS.map(|(i, j)| {
             let block = straight.fma(dot(a[i], a[j]), along.mul(t[i].mul(t[j])));
             if i == j { hold.fma(unseen, block) } else { block }

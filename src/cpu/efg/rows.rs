@@ -30,7 +30,7 @@ pub struct Entry<R> {
     pub gradient: [R; 3],
     /// w / Σ w.
     pub share: R,
-    /// Where it lies from the weighted mean of the row, in m.
+    /// Where it lies from the weighted mean of the row: see [`crate::model::efg::rows::Row`].
     pub arm: [R; 3],
     pub slot: u32,
 }
@@ -60,11 +60,13 @@ pub struct Table<R> {
     touched: Vec<u16>,
 }
 
-/// How the nodes of a row move: the mean displacement gradient at its cell, and the weighted mean displacement.
+/// How the nodes of a row move: the displacement gradient at its cell, and the affine motion that fits theirs best.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion<R> {
     pub gradient: Matrix<R>,
     mean: [R; 3],
+    /// By the arms of the row.
+    fit: Matrix<R>,
 }
 
 impl<R: Real> Table<R> {
@@ -190,13 +192,15 @@ impl<R: Real> Table<R> {
     /// Nobody writes what `source` reads.
     pub unsafe fn motion<L: Lanes<Real = R>>(&self, row: u32, source: &impl Source<L>) -> Motion<R> {
         let zero = R::default();
-        let mut motion = Motion { gradient: [[zero; 3]; 3], mean: [zero; 3] };
+        let mut motion = Motion { gradient: [[zero; 3]; 3], mean: [zero; 3], fit: [[zero; 3]; 3] };
         for entry in self.row(row as usize) {
             // SAFETY: as the caller promises; slots exist.
             let u = unsafe { vector::<L>(source, entry.slot) };
             for c in 0..3 {
-                motion.mean[c] = u[c].fma(entry.share, motion.mean[c]);
+                let shared = u[c].mul(entry.share);
+                motion.mean[c] = motion.mean[c].add(shared);
                 for axis in 0..3 {
+                    motion.fit[c][axis] = shared.fma(entry.arm[axis], motion.fit[c][axis]);
                     motion.gradient[c][axis] = u[c].fma(entry.gradient[axis], motion.gradient[c][axis]);
                 }
             }
@@ -220,7 +224,7 @@ impl<R: Real> Table<R> {
         // SAFETY: as the caller promises.
         let u = unsafe { vector::<L>(source, entry.slot) };
         let hold = hourglass.mul(cell.fill).mul(entry.share);
-        let affine = transform(&motion.gradient, entry.arm);
+        let affine = transform(&motion.fit, entry.arm);
         let pull = transform(stress, entry.gradient);
         let mut force = [R::default(); 3];
         for c in 0..3 {
@@ -258,6 +262,16 @@ impl<R: Real> Turned<R> {
             frames: vec![[[one, zero, zero], [zero, one, zero], [zero, zero, one]]; rows],
             deformed: vec![Deformed::default(); rows.div_ceil(BATCH)],
         }
+    }
+
+    /// Turns the cell of a row; rows up to the one behind the last can be turned.
+    pub fn turn_to(&mut self, row: usize, rotation: Rotation<R>) {
+        if row == self.rotations.len() {
+            self.rotations.push(rotation);
+            self.frames.push(Matrix::default());
+            self.deformed.resize(self.rotations.len().div_ceil(BATCH), Deformed::default());
+        }
+        self.rotations[row] = rotation;
     }
 
     /// Where other threads find it.

@@ -3,6 +3,7 @@
 //! In each step all threads turn the cells' frames and build the system; one thread alone looks for contact; all solve it, which is
 //! done again where contact answered otherwise than it was asked; then nodes move.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -13,12 +14,13 @@ use super::super::workers::{Member, Workers};
 use super::conjugate::{Budget, Reached};
 use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
-use super::system::{Parts, Step, System};
+use super::system::{Like, Parts, Step, System};
+use crate::cut::topology::{Change, DividedCell, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::efg::rows::RowTable;
-use crate::model::lattice::flag;
+use crate::model::efg::rows::{Cell, RowTable};
+use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
 use crate::solver::load::NodalLoads;
 use crate::solver::method::{EfgDesc, Rows, Scheme};
@@ -42,6 +44,8 @@ pub struct EfgSolver<R: EfgReal> {
     flags: Vec<u8>,
     laws: [CellLaw; 16],
     system: System<R>,
+    /// The rows of cells that have rows, by the slots where they start; of a divided cell one for each piece.
+    rows_of: HashMap<u32, Vec<PieceRow>>,
     /// Bytes of rows that were copied.
     uploaded: u64,
     /// The last step.
@@ -59,25 +63,41 @@ pub struct EfgSolver<R: EfgReal> {
     route: Route<R>,
 }
 
+/// The row of a piece.
+#[derive(Clone, Copy, Debug)]
+struct PieceRow {
+    /// The corners of the cell that it has, a bit for each.
+    corners: u8,
+    row: usize,
+}
+
+/// The rows of cells before any cut, and whose they are.
+fn uncut_rows(bricks: &mut Bricks, rows: Rows) -> Result<(RowTable, HashMap<u32, Vec<PieceRow>>)> {
+    match rows {
+        Rows::Irregular => Ok(Default::default()),
+        Rows::All => {
+            // No cell is a brick's own any more.
+            bricks.cells.fill(0);
+            let lattice = bricks.model.lattice();
+            let of_cell =
+                |(row, (cell, _))| (lattice.corners(cell)[0], vec![PieceRow { corners: 0xff, row }]);
+            Ok((RowTable::of_all(lattice)?, lattice.occupied().enumerate().map(of_cell).collect()))
+        }
+    }
+}
+
 /// A place that members of a job share; who may write it when is said where that is done.
 struct Place<T>(*mut T);
 // SAFETY: access is ordered by the meetings of the job.
 unsafe impl<T> Sync for Place<T> {}
 
 impl<R: EfgReal> EfgSolver<R> {
-    /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included.
+    /// The model at rest, computed by `threads` threads, the caller of [`Solver::advance`] included, with room for so many copies of nodes.
     ///
     /// Fails when the operating system starts no more threads.
-    pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize) -> Result<Self> {
-        let mut bricks = Bricks::new(model.clone());
-        let rows = match desc.rows {
-            Rows::Irregular => RowTable::default(),
-            Rows::All => {
-                // No cell is a brick's own any more.
-                bricks.cells.fill(0);
-                RowTable::of_all(model.lattice())?
-            }
-        };
+    pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize, copies: usize) -> Result<Self> {
+        let mut bricks = Bricks::new(model.clone(), copies.div_ceil(BRICK_SLOTS));
+        let (rows, rows_of) = uncut_rows(&mut bricks, desc.rows)?;
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
         let contact = ContactSurface::new(model.clone());
@@ -86,8 +106,9 @@ impl<R: EfgReal> EfgSolver<R> {
         Ok(Self {
             desc: *desc,
             system,
+            rows_of,
             uploaded,
-            flags: model.lattice().flags().to_vec(),
+            flags: bricks.flags(),
             laws: *model.laws(),
             dt: 0.0,
             is_stale: true,
@@ -206,6 +227,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let wall_n_m = wall_n_m(&self.laws, self.bricks.model.lattice().cell_m());
         let Self { system, contact, u, v, bricks, flags, press, fastest, .. } = self;
         let nodes = ContactNodes {
+            bricks,
             u_before: &Field(Vec::new()),
             u,
             v,
@@ -288,6 +310,38 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
                 pose.transform_point(&place.into()).coords - model.lattice().rest_position(slot),
             );
         }
+    }
+}
+
+impl<R: EfgReal> EfgSolver<R> {
+    /// Gives the pieces of a divided cell rows, each turned as what it was part of.
+    fn hang(&mut self, cell: u32, divided: &DividedCell) {
+        let lattice = self.bricks.model.lattice();
+        let (h, low) = (lattice.cell_m(), lattice.rest_position(cell));
+        let before = self.rows_of.remove(&cell).unwrap_or_default();
+        let mut hung: Vec<PieceRow> = Vec::with_capacity(divided.pieces.len());
+        let mut spare = before.iter().map(|old| old.row);
+        // What each was part of, before rows are written anew.
+        let like = |corners: u8| {
+            before
+                .iter()
+                .find(|old| old.corners & corners != 0)
+                .map_or(Like::Cell(cell), |old| Like::Row(old.row))
+        };
+        let rotations: Vec<_> =
+            divided.pieces.iter().map(|hung| self.system.rotation(like(hung.piece.corners))).collect();
+        for (piece, rotation) in divided.pieces.iter().zip(rotations) {
+            let row = spare.next().unwrap_or(self.system.rows().len());
+            let at = Cell {
+                point: low + piece.piece.centroid * h,
+                volume: piece.piece.volume,
+                material: divided.material,
+            };
+            self.system.rows().put_piece(row, at, piece.nodes, low, h);
+            self.system.turn_to(row, rotation);
+            hung.push(PieceRow { corners: piece.piece.corners, row });
+        }
+        self.rows_of.insert(cell, hung);
     }
 }
 
@@ -379,11 +433,11 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         });
         self.v = v;
         let mut all = vec![Vec3::zeros(); self.flags.len()];
-        for slot in self.bricks.model.lattice().slots() {
+        for slot in 0..self.flags.len() as u32 {
             let mass = self.system.mass(slot);
             let flags = self.flags[slot as usize];
             let force = self.system.b.vec3(slot);
-            let is_free = |axis: usize| flags & ((flag::FIX_X << axis) | flag::GRASPED) == 0;
+            let is_free = |axis: usize| mass > 0.0 && flags & ((flag::FIX_X << axis) | flag::GRASPED) == 0;
             let free = |axis: usize| if is_free(axis) { force[axis] / mass } else { 0.0 };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
@@ -406,6 +460,33 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
             let kept = |axis: usize| if flags & (flag::FIX_X << axis) == 0 { v[axis] } else { 0.0 };
             self.v.set(slot, Vec3::from_fn(|axis, _| kept(axis)));
         }
+        Ok(())
+    }
+
+    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+        self.bricks.divide(topology, change);
+        for birth in &change.births {
+            self.u.set(birth.slot, self.u.vec3(birth.from));
+            self.v.set(birth.slot, self.v.vec3(birth.from));
+        }
+        for &cell in change.cells.iter().chain(&change.rehung) {
+            let divided = topology.cell(cell).expect("what a cut changed is divided");
+            self.hang(cell, divided);
+        }
+        self.uploaded += self.system.upload(&self.bricks);
+        self.system.set_laws(&self.bricks, &self.laws);
+        self.contact.lose_track();
+        Ok(())
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        self.bricks.heal();
+        let (rows, rows_of) = uncut_rows(&mut self.bricks, self.desc.rows)?;
+        self.rows_of = rows_of;
+        self.flags[self.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
+        self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
+        self.uploaded += self.system.upload(&self.bricks);
+        self.is_stale = true;
         Ok(())
     }
 

@@ -17,9 +17,9 @@ use super::block::{BLOCK, Block, applied, inverted};
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
 use super::rows::{Table, Turned, TurnedParts};
-use super::turn::{Deformed, at_rest, turn};
+use super::turn::{Deformed, QUATERNION, at_rest, turn};
 use crate::math::Vec3;
-use crate::model::efg::law::Elasticity;
+use crate::model::efg::law::{Elasticity, Rotation};
 use crate::model::efg::rows::{BATCH, RowTable};
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
@@ -59,6 +59,13 @@ struct Tables<R> {
     mass: Vec<Octet<R>>,
     /// What cells with rows of their own see.
     rows: Table<R>,
+}
+
+/// A cell that is turned: one with a row of its own, or one of a brick's own by the slot where it starts.
+#[derive(Clone, Copy, Debug)]
+pub enum Like {
+    Row(usize),
+    Cell(u32),
 }
 
 /// A step's constants.
@@ -136,8 +143,30 @@ impl<R: Real> System<R> {
 
     /// Copies rows that changed to where steps read them. Gives the bytes that it copied.
     pub fn upload(&mut self, bricks: &Bricks) -> u64 {
-        let lattice = bricks.model.lattice();
-        Table::<R>::bytes_of(&self.tables.rows.upload(&mut self.rows, lattice.slot_count(), lattice.cell_m()))
+        let cell_m = bricks.model.lattice().cell_m();
+        Table::<R>::bytes_of(&self.tables.rows.upload(&mut self.rows, bricks.slot_count(), cell_m))
+    }
+
+    /// Rows of cells, to be changed; [`Self::upload`] takes over what changed.
+    pub fn rows(&mut self) -> &mut RowTable {
+        &mut self.rows
+    }
+
+    /// How a cell is turned.
+    pub fn rotation(&self, of: Like) -> Rotation<R> {
+        match of {
+            Like::Row(row) => self.turned.rotations[row],
+            Like::Cell(slot) => {
+                let (brick, local) = (slot as usize / BRICK_SLOTS, slot as usize % BRICK_SLOTS);
+                let octet = brick * QUATERNION * BRICK_ROWS + local / 8;
+                std::array::from_fn(|n| self.rotations[octet + n * BRICK_ROWS].0[local % 8])
+            }
+        }
+    }
+
+    /// Turns the cell of a row; rows up to the one behind the last can be turned.
+    pub fn turn_to(&mut self, row: usize, rotation: Rotation<R>) {
+        self.turned.turn_to(row, rotation);
     }
 
     /// Cells that are not turned, and nothing that is not finite anywhere.
@@ -184,7 +213,7 @@ impl<R: Real> System<R> {
         let lattice = bricks.model.lattice();
         self.tables.forces = Moduli::new(laws, lattice.cell_m(), |_| 1.0);
         let corner_kg = |material: u8| laws[usize::from(material)].corner_kg;
-        let mut masses = vec![0.0; lattice.slot_count()];
+        let mut masses = vec![0.0; bricks.slot_count()];
         for slot in lattice.slots() {
             let material = bricks.cells[slot as usize];
             if material != 0 {

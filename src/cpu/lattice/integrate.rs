@@ -2,7 +2,7 @@
 
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS};
-use super::sums::complete;
+use super::sums::{complete, load, plus};
 use super::{Extremes, Mark, Pass, Scratch, staged};
 use crate::model::lattice::{BRICK_SLOTS, flag};
 
@@ -38,13 +38,19 @@ pub(super) unsafe fn integrate<L: Lanes, const COLUMN: u8>(
     let (one, zero) = (L::splat(1.0), L::splat(0.0));
     let (mut speed2, mut acceleration2, mut displacement2, mut vis_viva) = (zero, zero, zero, zero);
 
+    let pieces = pass.pieces.place_of(brick);
     for row in (0..BRICK_ROWS).filter(|row| pass.bricks.rows[brick] >> row & 1 != 0) {
         let staged = &s.rows[staged(row)];
-        let force = complete::<L, COLUMN>(staged);
+        let mut force = complete::<L, COLUMN>(staged);
         // SAFETY: as the caller's; slots and octets of this run's brick, which this thread alone writes.
         unsafe {
             let flags: &[u8; 8] = &*pass.flags.as_ptr().add(brick * BRICK_SLOTS + row * 8).cast();
-            let mass = L::load(staged.before.mass.0.as_ptr());
+            let mut mass = L::load(staged.before.mass.0.as_ptr());
+            if let Some(place) = pieces {
+                let (more, weight) = pass.pieces.gather(place, row);
+                force = plus(force, load(&more));
+                mass = mass.add(L::load(weight.0.as_ptr()));
+            }
             // Where there is no node this is infinite, and cleared below with every held axis.
             let inverse = one.div(mass);
             let is_free = *flags == [0; 8];

@@ -15,6 +15,7 @@
 
 mod cells;
 mod integrate;
+pub mod pieces;
 mod springs;
 mod stage;
 mod sums;
@@ -23,6 +24,7 @@ mod tests;
 
 use self::cells::cells;
 use self::integrate::{Motion, integrate};
+use self::pieces::Pieces;
 use self::springs::springs;
 use self::stage::{Held, enter, fetch, stage};
 use self::sums::{clear, keep, turn_left_end};
@@ -77,6 +79,8 @@ pub struct Pass<'a, R> {
     pub flags: &'a [u8],
     /// Material tables.
     pub laws: &'a LawTables<R>,
+    /// Pieces of divided cells, evaluated.
+    pub pieces: &'a Pieces<R>,
     /// Displacements.
     pub u: *const Octet<R>,
     /// Velocities.

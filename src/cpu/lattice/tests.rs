@@ -35,7 +35,9 @@ fn accelerations<R: CpuReal>(
     let mut marks = vec![Mark::default(); bricks.count()];
     let mut scratch = Scratch::new();
     let mut v_next = nodes.v.clone();
+    let pieces = Pieces::default();
     let pass = Pass {
+        pieces: &pieces,
         bricks,
         flags: lattice.flags(),
         laws: &tables,
@@ -82,7 +84,7 @@ fn kernel_force_is_the_gradient_of_the_energy() {
     let (model, mut laws) = ragged();
     laws.iter_mut().for_each(|law| law.damping_s = 0.0);
     let lattice = model.lattice();
-    let bricks = Bricks::new(model.clone());
+    let bricks = Bricks::new(model.clone(), 0);
     let mut nodes = Nodes::<f64>::at_rest(bricks.count(), false);
     let mut noise = Noise(3);
     let slots: Vec<u32> =
@@ -119,7 +121,7 @@ fn kernel_force_is_the_gradient_of_the_energy() {
 #[test]
 fn damped_kernels_agree_on_every_route_and_run_length() {
     let (model, laws) = ragged();
-    let bricks = Bricks::new(model.clone());
+    let bricks = Bricks::new(model.clone(), 0);
     let lattice = model.lattice();
     let (mut double, mut single) =
         (Nodes::<f64>::at_rest(bricks.count(), true), Nodes::<f32>::at_rest(bricks.count(), true));

@@ -4,7 +4,7 @@ use super::law::{
     Elasticity, HOURGLASS, Matrix, corotated_strain, deformation, green_strain, rotation_matrix, turn_towards,
 };
 use crate::math::Vec3;
-use crate::model::energy::gradient;
+use crate::model::energy::{gradient, gradient_at};
 use crate::model::lattice::Lattice;
 use crate::model::law::CellLaw;
 
@@ -23,14 +23,15 @@ pub fn elastic_j(
         .occupied()
         .map(|(cell, material)| {
             let moved = lattice.corners(cell).map(&u);
-            cell_j(&laws[usize::from(material)], h, elasticity, &moved)
+            cell_j(&laws[usize::from(material)], h, elasticity, Vec3::repeat(0.5), &moved)
         })
         .sum()
 }
 
-/// Energy in J of one cell whose corners moved by `u`.
-pub fn cell_j(law: &CellLaw, h: f64, elasticity: Elasticity, u: &[Vec3; 8]) -> f64 {
-    let g: Matrix<f64> = gradient(h, u);
+/// Energy in J of one cell whose corners moved by `u`, with its integration point at `at`, from 0 to 1 along each axis. A piece of a cell has its share of this, its point
+/// at its centroid.
+pub fn cell_j(law: &CellLaw, h: f64, elasticity: Elasticity, at: Vec3, u: &[Vec3; 8]) -> f64 {
+    let (g, fit): (Matrix<f64>, _) = (gradient_at(h, at, u), gradient(h, u));
     let strain = match elasticity {
         Elasticity::Linear => g,
         Elasticity::StVenantKirchhoff => green_strain(&g),
@@ -49,7 +50,8 @@ pub fn cell_j(law: &CellLaw, h: f64, elasticity: Elasticity, u: &[Vec3; 8]) -> f
     let unseen: f64 = (0..8)
         .map(|i| {
             let sign = |axis: usize| if i >> axis & 1 == 1 { 0.5 * h } else { -0.5 * h };
-            let affine = Vec3::from_fn(|c, _| g[c][0] * sign(0) + g[c][1] * sign(1) + g[c][2] * sign(2));
+            let affine =
+                Vec3::from_fn(|c, _| fit[c][0] * sign(0) + fit[c][1] * sign(1) + fit[c][2] * sign(2));
             (u[i] - mean - affine).norm_squared()
         })
         .sum();

@@ -45,6 +45,15 @@ pub struct RowTable {
     is_dirty: Vec<bool>,
 }
 
+/// A node's part in a row; see [`Row`].
+struct Entry {
+    node: u32,
+    phi: f64,
+    gradient: Vec3,
+    share: f64,
+    arm: Vec3,
+}
+
 /// One row.
 #[derive(Clone, Copy, Debug)]
 pub struct Row<'a> {
@@ -58,7 +67,8 @@ pub struct Row<'a> {
     pub gradients: &'a [Vec3],
     /// w / Σ w of each.
     pub shares: &'a [f64],
-    /// Where each lies from the weighted mean of all, in m.
+    /// Where each lies from the weighted mean of all, in units in which their weighted second moment is the identity: what is left of displacements when
+    /// their best affine fit is taken away is u − Σ w u − (Σ w u aᵀ) a.
     pub arms: &'a [Vec3],
 }
 
@@ -96,24 +106,66 @@ impl RowTable {
         }
         check(&shape, cell.point, &places[..length], cell_m)?;
 
-        let start = self.nodes.len();
-        self.nodes.resize(start + ROW, 0);
-        self.phi.resize(start + ROW, 0.0);
-        self.gradients.resize(start + ROW, Vec3::zeros());
-        self.shares.resize(start + ROW, 0.0);
-        self.arms.resize(start + ROW, Vec3::zeros());
-        for (n, &(slot, place)) in near[..length].iter().enumerate() {
-            self.nodes[start + n] = slot;
-            self.phi[start + n] = shape.phi[n];
-            self.gradients[start + n] = shape.gradient[n];
-            self.shares[start + n] = shape.share[n];
-            self.arms[start + n] = place - shape.mean;
-        }
-        self.is_dirty.resize(self.cells.len() / BATCH + 1, true);
-        self.is_dirty[self.cells.len() / BATCH] = true;
-        self.cells.push(cell);
-        self.lengths.push(length as u8);
+        let spread: Mat3 = (0..length)
+            .map(|n| (places[n] - shape.mean) * (places[n] - shape.mean).transpose() * shape.share[n])
+            .sum();
+        let spread = spread.cholesky().ok_or_else(|| {
+            Error::Defect(format!("the nodes that a cell at {:?} sees span no space", cell.point))
+        })?;
+        let arm = |n: usize| spread.l().solve_lower_triangular(&(places[n] - shape.mean)).unwrap_or_default();
+        let row = self.len();
+        self.write(row, cell, length, |n| Entry {
+            node: near[n].0,
+            phi: shape.phi[n],
+            gradient: shape.gradient[n],
+            share: shape.share[n],
+            arm: arm(n),
+        });
         Ok(())
+    }
+
+    /// Writes the row of a piece of a divided cell, which hangs on eight nodes, at the cell's corners: trilinear shape functions at its integration point. Rows up
+    /// to the one behind the last can be written.
+    pub fn put_piece(&mut self, row: usize, cell: Cell, nodes: [u32; 8], lowest_corner: Vec3, cell_m: f64) {
+        let at = (cell.point - lowest_corner) / cell_m;
+        self.write(row, cell, nodes.len(), |corner| {
+            let sign = Vec3::from_fn(|axis, _| if corner >> axis & 1 == 1 { 1.0 } else { -1.0 });
+            let along = at.zip_map(&sign, |x, sign| if sign > 0.0 { x } else { 1.0 - x });
+            let beside = Vec3::new(along.y * along.z, along.x * along.z, along.x * along.y);
+            Entry {
+                node: nodes[corner],
+                phi: along.product(),
+                gradient: beside.component_mul(&sign) / cell_m,
+                share: 0.125,
+                arm: sign,
+            }
+        });
+    }
+
+    /// Writes a row of `length` nodes.
+    fn write(&mut self, row: usize, cell: Cell, length: usize, entry: impl Fn(usize) -> Entry) {
+        if row == self.len() {
+            let places = (row + 1) * ROW;
+            self.nodes.resize(places, 0);
+            self.phi.resize(places, 0.0);
+            self.gradients.resize(places, Vec3::zeros());
+            self.shares.resize(places, 0.0);
+            self.arms.resize(places, Vec3::zeros());
+            self.is_dirty.resize(row / BATCH + 1, true);
+            self.cells.push(cell);
+            self.lengths.push(0);
+        }
+        for n in 0..length {
+            let (at, entry) = (row * ROW + n, entry(n));
+            self.nodes[at] = entry.node;
+            self.phi[at] = entry.phi;
+            self.gradients[at] = entry.gradient;
+            self.shares[at] = entry.share;
+            self.arms[at] = entry.arm;
+        }
+        self.is_dirty[row / BATCH] = true;
+        self.cells[row] = cell;
+        self.lengths[row] = length as u8;
     }
 
     /// Number of rows.
@@ -228,7 +280,7 @@ mod tests {
                 let sign = (lattice.rest_position(row.nodes[n]) - row.cell.point) / (0.5 * H);
                 assert!((row.phi[n] - 0.125).abs() < 1e-12 && (row.shares[n] - 0.125).abs() < 1e-12);
                 assert!((row.gradients[n] * 4.0 * H - sign).norm() < 1e-11);
-                assert!((row.arms[n] - sign * 0.5 * H).norm() < 1e-15);
+                assert!((row.arms[n] - sign).norm() < 1e-11);
             }
         }
     }

@@ -1,0 +1,8 @@
+//! Cutting: what a blade's way does to the topology of a lattice. Backend-free.
+//!
+//!
+#![doc = include_str!("../../docs/cutting.md")]
+
+pub mod cell;
+pub mod sweep;
+pub mod topology;

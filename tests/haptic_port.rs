@@ -3,7 +3,7 @@
 //! Stepped by hand, a tick to a step, in time of the test's own.
 
 use palpate::math::{Pose, Vec3};
-use palpate::model::LabelUse;
+use palpate::model::{Fix, LabelUse};
 use palpate::servo::ServoOptions;
 use palpate::servo::contact_model::{ContactModel, stiffness_along};
 use palpate::servo::coupling::Coupling;
@@ -183,6 +183,26 @@ fn a_stiff_inclusion_is_felt_under_soft_tissue() {
     assert!(rises[0] < 1.35 * hertz, "{rises:?}: tissue stiffens as it should");
     assert!(rises[1] > 1.2 * rises[0] && rib[1] > 1.5 * plain[1], "{plain:?} and {rib:?} N/m");
     assert!(rib[1] < 700.0, "never stiffer than the coupling: {rib:?}");
+}
+
+#[test]
+fn tissue_that_cannot_move_is_a_wall_and_no_hammer() {
+    // Contact answers for what cannot move as for the mass of its nodes in a substep: E h and some, for each point.
+    let hard = tissue(60e3, 0.45, 1000.0, 1e-4).unwrap();
+    let block = Block { cells: CELLS, cell_m: H, soft: hard, inclusion: None }.build().unwrap();
+    let mut rig = Rig::new(block, 0.3, coupled());
+    rig.sim.fix(&Fix { pose: Pose::identity(), half_extents: Vec3::repeat(1.0), axes: [true; 3] }).unwrap();
+    rig.go([-2e-3, 0.0], 0.7);
+    for depth in [1e-3, 2e-3, 3e-3] {
+        rig.go([depth, 0.0], 0.3);
+        // The spring alone, 700 N/m, but for what the ball sinks into the wall: some 10⁴ N/m.
+        let (spring, felt) = (700.0 * depth, rig.force_n.z);
+        assert!(felt > 0.8 * spring && felt < 1.01 * spring, "{felt} N at {depth} m");
+    }
+    rig.go([-2e-3, 0.0], 0.5);
+    let least = rig.port.servo_statistics().unwrap().least_energy_j;
+    // A force that is held for a tick is late by half of its way, 10 µm, in and out: 2.1 N × 10 µm at most.
+    assert!(least > -1e-4, "{least} J");
 }
 
 #[test]

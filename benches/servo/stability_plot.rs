@@ -28,7 +28,7 @@ fn paint(all: &[Stability], backend: BitMapBackend<'_>) -> Result<(), Box<dyn Er
     let area = backend.into_drawing_area();
     area.fill(&WHITE)?;
     let title = format!("Least energy of the loop, in J; green where it is at least {LEAST_J:.0e} J");
-    let area = area.titled(&title, (FONT, 26))?;
+    let area = area.margin(12, 0, 0, 0).titled(&title, (FONT, 26))?;
     let maps = [("none", false), ("none", true), ("loose", false), ("loose", true)];
     for (part, (hand, has_chain)) in area.split_evenly((2, 2)).iter().zip(maps) {
         let hand_words = if hand == "none" { "a weight, no hand" } else { "a loose hand" };

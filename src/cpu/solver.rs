@@ -256,21 +256,17 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, stable_dt: f64) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
         let core = &mut self.core;
         core.bricks.divide(topology, change);
         for birth in &change.births {
-            core.flags[birth.slot as usize] =
-                core.flags[topology.origin(birth.slot) as usize] & !flag::GRASPED;
             let Nodes { u, u_next, v, v_next } = &mut core.nodes;
             for field in [u, u_next, v].into_iter().chain(v_next.as_mut()) {
                 field.set(birth.slot, field.vec3(birth.from));
             }
         }
         core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
-        core.stable_dt = stable_dt;
         core.contact.lose_track();
-        core.sleep.wake_all(&core.bricks);
         Ok(())
     }
 

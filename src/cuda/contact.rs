@@ -477,9 +477,10 @@ impl ContactSurface {
         let untold = self.untold()?;
         let surface = &self.model.surfaces()[self.model.contact_surface()];
         let first_triangle = self.first_triangle();
-        let vertex = move |element: u32| match element.checked_sub(first_triangle) {
-            Some(triangle) => surface.triangles[triangle as usize][0],
-            None => element,
+        // Which of a triangle's points it is stays with the device.
+        let lies = move |element: u32| match element.checked_sub(first_triangle) {
+            Some(triangle) => (surface.triangles[triangle as usize], [1.0 / 3.0; 3]),
+            None => ([element; 3], [1.0, 0.0, 0.0]),
         };
         for k in 0..self.touching {
             let Touched { fields } = if self.are_told {
@@ -492,12 +493,15 @@ impl ContactSurface {
             let name = |place: usize| fields[point::NAMES][place].to_bits();
             let (normal, push) = (vector(point::NORMAL), f64::from(fields[point::IMPULSE][3]));
             if name(0) == tool && push > 0.0 {
+                let (vertices, shares) = lies(name(1));
                 show(Contact {
                     point_m: origin + vector(point::AT),
                     normal,
                     depth_m: f64::from(fields[point::AT][3]),
                     force_n: (normal * push + vector(point::IMPULSE)) / dt,
-                    material: surface.materials[vertex(name(1)) as usize],
+                    material: surface.materials[vertices[0] as usize],
+                    vertices,
+                    shares,
                 });
             }
         }

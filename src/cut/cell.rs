@@ -252,7 +252,7 @@ impl Moments {
         // What is cut off next to nothing has its centroid where its corners are.
         let anywhere =
             || mean((0..8).filter(|c| corners >> c & 1 != 0).map(corner_at)).expect("a piece has a corner");
-        let centroid = if self.volume > 1e-9 { self.first / self.volume } else { anywhere() };
+        let centroid = if self.volume > 1e-12 { self.first / self.volume } else { anywhere() };
         Piece { corners, volume: self.volume.max(0.0), centroid: centroid.map(|x| x.clamp(0.0, 1.0)) }
     }
 }

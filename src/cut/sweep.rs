@@ -1,16 +1,16 @@
 //! What a blade sweeps, and which edges of the tissue that crosses.
 //!
 //! Edges are looked at where they are now, deformed: trilinear motion keeps them straight, so that a share along the deformed edge is one along the edge at rest, and
-//! no point of the blade has to be taken back to the tissue's rest. The blade's way is seen from each edge, whose own motion is taken from it: where one step ends the
-//! next begins, and tissue that moves against a blade at rest is cut as well.
+//! no point of the blade has to be taken back to the tissue's rest. Nodes and the blade's points move straight from the start to the end of a sweep, and an edge is crossed where and when
+//! it meets the blade on that way: where one sweep ends the next begins, and tissue that moves against a blade at rest is cut as well.
 
 use super::margin::Margin;
 use super::surface::grid::{GridEdge, GridNode};
 use super::topology::LatticeEdge;
 use crate::math::Vec3;
-use crate::model::lattice::{BRICK_SLOTS, Lattice};
+use crate::model::lattice::Lattice;
 
-/// How far outside a triangle, as a share of its size, a crossing still counts: triangles that share an edge leave no gap.
+/// How far beyond the end of a segment, as a share of its length, a meeting still counts: segments of a blade that share a point leave no gap.
 const GAP: f64 = 1e-9;
 /// Where the blade is taken to be beside where it is, in cells: so it passes every node on one side, though it be drawn through a layer of them.
 const BESIDE: Vec3 = Vec3::new(5.3e-7, 7.1e-7, 6.1e-7);
@@ -40,23 +40,19 @@ impl Sweep {
         nodes: &impl Moving,
         is_there: impl Fn(LatticeEdge) -> bool,
     ) -> Vec<(LatticeEdge, f64)> {
+        let beside = BESIDE * lattice.cell_m();
+        let way = |slot: u32| Way { from: nodes.from(slot) - beside, to: nodes.to(slot) - beside };
         let Some(bounds) = self.bounds() else { return Vec::new() };
         let mut crossed = Vec::new();
-        for brick in 0..lattice.bricks().len() {
-            for slot in (brick * BRICK_SLOTS) as u32..((brick + 1) * BRICK_SLOTS) as u32 {
-                if lattice.words()[slot as usize] == 0 {
-                    continue;
-                }
-                let node = lattice.node_of(slot);
-                for axis in 0..3 {
-                    let mut beyond = node;
-                    beyond[axis] += 1;
-                    let Some(other) = lattice.slot(beyond) else { continue };
-                    let edge = LatticeEdge { slot, axis: axis as u8 };
-                    let ends = [slot, other].map(|slot| [nodes.from(slot), nodes.to(slot)]);
-                    let at = self.passes(bounds, ends, lattice.cell_m(), || is_there(edge));
-                    crossed.extend(at.map(|at| (edge, at)));
-                }
+        for slot in lattice.slots() {
+            let node = lattice.node_of(slot);
+            for axis in 0..3 {
+                let mut beyond = node;
+                beyond[axis] += 1;
+                let Some(other) = lattice.slot(beyond) else { continue };
+                let edge = LatticeEdge { slot, axis: axis as u8 };
+                let at = self.passes(bounds, [way(slot), way(other)], || is_there(edge));
+                crossed.extend(at.map(|at| (edge, at)));
             }
         }
         crossed
@@ -73,66 +69,123 @@ impl Sweep {
         let passed = |&(edge, tissue): &(GridEdge, [u32; 2])| {
             let high = std::array::from_fn(|axis| edge.0[axis] + i32::from(axis == edge.1));
             let end = |node: GridNode, slot: u32| {
-                let beside = Vec3::from(node.map(f64::from)) * lattice.cell_m() - lattice.rest_position(slot);
-                [nodes.from(slot) + beside, nodes.to(slot) + beside]
+                let place = Vec3::from(node.map(f64::from)) - BESIDE;
+                let beside = place * lattice.cell_m() - lattice.rest_position(slot);
+                Way { from: nodes.from(slot) + beside, to: nodes.to(slot) + beside }
             };
             let ends = [end(edge.0, tissue[0]), end(high, tissue[1])];
-            self.passes(bounds, ends, lattice.cell_m(), || true).map(|at| (edge, at))
+            self.passes(bounds, ends, || true).map(|at| (edge, at))
         };
         margin.edges().iter().filter_map(passed).collect()
     }
 
-    /// Where the sweep crosses an edge whose ends move from one place to another, if it is there at all.
-    fn passes(
-        &self,
-        (low, high): (Vec3, Vec3),
-        ends: [[Vec3; 2]; 2],
-        cell_m: f64,
-        is_there: impl Fn() -> bool,
-    ) -> Option<f64> {
-        let [a, b] = ends.map(|[_, to]| to - BESIDE * cell_m);
-        let moved = ends.iter().map(|[from, to]| 0.5 * (to - from)).sum::<Vec3>();
-        let room = moved.abs();
-        let is_near =
-            (0..3).all(|c| a[c].max(b[c]) >= low[c] - room[c] && a[c].min(b[c]) <= high[c] + room[c]);
-        if is_near && is_there() { self.crossing(a, b, moved) } else { None }
+    /// Where the sweep crosses an edge whose ends move, if it is there at all.
+    fn passes(&self, (low, high): (Vec3, Vec3), ends: [Way; 2], is_there: impl Fn() -> bool) -> Option<f64> {
+        let (from, to) = bounds(ends.iter().flat_map(|end| [&end.from, &end.to]))?;
+        let is_near = (0..3).all(|c| to[c] >= low[c] && from[c] <= high[c]);
+        if is_near && is_there() { self.crossing(ends) } else { None }
     }
 
     /// Lowest and highest coordinates of the blade's edge.
     fn bounds(&self) -> Option<(Vec3, Vec3)> {
-        let mut all = self.from.iter().chain(&self.to);
-        let first = *all.next()?;
-        Some(all.fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
+        bounds(self.from.iter().chain(&self.to))
     }
 
-    /// Where the sweep crosses the segment from `a` to `b`, which has moved by `moved` meanwhile: the lowest share of it.
-    fn crossing(&self, a: Vec3, b: Vec3, moved: Vec3) -> Option<f64> {
+    /// Where the sweep crosses an edge whose ends move meanwhile: the lowest share of it.
+    fn crossing(&self, [a, b]: [Way; 2]) -> Option<f64> {
         let segments = self.from.windows(2).zip(self.to.windows(2));
-        let triangles = segments.flat_map(|(from, to)| {
-            let [p, q] = [from[0] + moved, from[1] + moved];
-            [[p, q, to[1]], [p, to[1], to[0]]]
+        let met = segments.filter_map(|(from, to)| {
+            meeting([a, b], [Way { from: from[0], to: to[0] }, Way { from: from[1], to: to[1] }])
         });
-        triangles.filter_map(|triangle| share(a, b, triangle)).min_by(f64::total_cmp)
+        met.min_by(f64::total_cmp)
     }
 }
 
-/// Where a triangle crosses the segment from `a` to `b`, as a share of it.
-pub fn share(a: Vec3, b: Vec3, [p, q, r]: [Vec3; 3]) -> Option<f64> {
+/// The lowest and highest coordinates of some points.
+fn bounds<'a>(mut points: impl Iterator<Item = &'a Vec3>) -> Option<(Vec3, Vec3)> {
+    let first = *points.next()?;
+    Some(points.fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
+}
+
+/// A point that moves straight.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    from: Vec3,
+    to: Vec3,
+}
+
+impl Way {
+    fn at(&self, t: f64) -> Vec3 {
+        self.from.lerp(&self.to, t)
+    }
+}
+
+/// Where two segments with moving ends first meet, as a share of the first.
+fn meeting([a, b]: [Way; 2], [p, q]: [Way; 2]) -> Option<f64> {
+    // Both lie in one plane when this is zero: a cubic in time.
+    let apart = |t: f64| {
+        let (a, p) = (a.at(t), p.at(t));
+        (b.at(t) - a).cross(&(q.at(t) - p)).dot(&(p - a))
+    };
+    roots_of_cubic(apart).into_iter().flatten().find_map(|t| {
+        let (a, b, p, q) = (a.at(t), b.at(t), p.at(t), q.at(t));
+        let (edge, blade, between) = (b - a, q - p, p - a);
+        let normal = edge.cross(&blade);
+        let area2 = normal.norm_squared();
+        // Segments along each other, or without a length, part nothing.
+        if area2 <= f64::EPSILON * edge.norm_squared() * blade.norm_squared() {
+            return None;
+        }
+        let share = between.cross(&blade).dot(&normal) / area2;
+        let along = between.cross(&edge).dot(&normal) / area2;
+        let within = -GAP..=1.0 + GAP;
+        (within.contains(&share) && within.contains(&along)).then(|| share.clamp(0.0, 1.0))
+    })
+}
+
+/// The roots of a cubic from 0 to 1 at which it changes its sign, ascending.
+fn roots_of_cubic(f: impl Fn(f64) -> f64) -> [Option<f64>; 3] {
+    // c0 + c1 t + c2 t² + c3 t³ through four of its points.
+    let [f0, f1, f2, f3] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(&f);
+    let (c1, c2, c3) = (
+        -5.5 * f0 + 9.0 * f1 - 4.5 * f2 + f3,
+        9.0 * f0 - 22.5 * f1 + 18.0 * f2 - 4.5 * f3,
+        4.5 * (f3 - f0) + 13.5 * (f1 - f2),
+    );
+    // It is monotone between these.
+    let turn = (c2 * c2 - 3.0 * c1 * c3).max(0.0).sqrt();
+    let mut bends = if c3.abs() > 1e-12 * (c1.abs() + c2.abs()) {
+        [(-c2 - turn) / (3.0 * c3), (-c2 + turn) / (3.0 * c3)]
+    } else {
+        [-0.5 * c1 / c2; 2]
+    };
+    bends = bends.map(|t| if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 });
+    bends.sort_by(f64::total_cmp);
+    let ends = [0.0, bends[0], bends[1], 1.0];
+    std::array::from_fn(|n| {
+        let (mut low, mut high) = (ends[n], ends[n + 1]);
+        let (at_low, at_high) = (f(low), f(high));
+        if (at_low > 0.0) == (at_high > 0.0) || low == high {
+            return None;
+        }
+        for _ in 0..52 {
+            let middle = 0.5 * (low + high);
+            if (f(middle) > 0.0) == (at_low > 0.0) { low = middle } else { high = middle }
+        }
+        Some(0.5 * (low + high))
+    })
+}
+
+/// Where a triangle crosses the segment from `a` to `b`, as a share of it: a cut for tests.
+#[cfg(test)]
+pub(crate) fn share(a: Vec3, b: Vec3, [p, q, r]: [Vec3; 3]) -> Option<f64> {
     let (along, u, v) = (b - a, q - p, r - p);
     let normal = u.cross(&v);
-    let facing = normal.dot(&along);
-    // A segment in the triangle's plane is not crossed; nor does a triangle without an area cross anything.
-    if facing.abs() <= f64::EPSILON * normal.norm() * along.norm() {
-        return None;
-    }
-    let at = normal.dot(&(p - a)) / facing;
-    if !(0.0..=1.0).contains(&at) {
-        return None;
-    }
+    let at = normal.dot(&(p - a)) / normal.dot(&along);
     let there = a + along * at - p;
-    let area2 = normal.norm_squared();
-    let (s, t) = (normal.dot(&there.cross(&v)) / area2, normal.dot(&u.cross(&there)) / area2);
-    (s >= -GAP && t >= -GAP && s + t <= 1.0 + GAP).then_some(at)
+    let (s, t) = (normal.dot(&there.cross(&v)), normal.dot(&u.cross(&there)));
+    let is_inside = s >= 0.0 && t >= 0.0 && s + t <= normal.norm_squared();
+    ((0.0..=1.0).contains(&at) && is_inside).then_some(at)
 }
 
 #[cfg(test)]
@@ -140,6 +193,7 @@ mod tests {
     use std::collections::BTreeMap;
 
     use super::*;
+    use crate::noise::Noise;
 
     const H: f64 = 2e-3;
 
@@ -184,5 +238,52 @@ mod tests {
         }
         // Those that the blade passes at a node are on one side or the other.
         assert!(expected > 20 && crossed.len() <= expected + 8, "{expected} {}", crossed.len());
+    }
+
+    fn point(noise: &mut Noise) -> Vec3 {
+        Vec3::from_fn(|_, _| noise.next())
+    }
+
+    #[test]
+    fn moving_segments_meet_where_they_were_made_to() {
+        let mut noise = Noise(17);
+        for _ in 0..2000 {
+            // Through a point at a moment, with ends that go anywhere.
+            let (t, share, along) = (noise.next().abs(), noise.next().abs(), noise.next().abs());
+            let mut ways = [(); 4].map(|()| Way { from: point(&mut noise), to: point(&mut noise) });
+            let [a, b, p, q] = ways.map(|way| way.at(t));
+            let off = a.lerp(&b, share) - p.lerp(&q, along);
+            for way in &mut ways[2..] {
+                (way.from, way.to) = (way.from + off, way.to + off);
+            }
+            let met = meeting([ways[0], ways[1]], [ways[2], ways[3]]).expect("they meet");
+            // They may have met before: then there too both are at one place, which a search in small steps finds.
+            let first = (0..=200_000).map(|n| f64::from(n) / 200_000.0).take_while(|&s| s <= t);
+            let nearest = |s: f64| {
+                let (e, m) = (ways[0].at(s).lerp(&ways[1].at(s), met), (ways[2].at(s), ways[3].at(s)));
+                let along = ((e - m.0).dot(&(m.1 - m.0)) / (m.1 - m.0).norm_squared()).clamp(0.0, 1.0);
+                (e - m.0.lerp(&m.1, along)).norm()
+            };
+            if (met - share).abs() > 1e-6 {
+                assert!(first.map(nearest).fold(f64::INFINITY, f64::min) < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn an_edge_that_turns_or_is_held_at_one_end_is_met_by_a_blade_at_rest() {
+        let blade = [Vec3::new(0.8, -1.0, 0.1), Vec3::new(0.8, 1.0, 0.1)].map(|p| Way { from: p, to: p });
+        let still = |p: Vec3| Way { from: p, to: p };
+        let rises = |p: Vec3, by: f64| Way { from: p, to: p + Vec3::z() * by };
+        let held = [still(Vec3::zeros()), rises(Vec3::x(), 0.2)];
+        assert!((meeting(held, blade).unwrap() - 0.8).abs() < 1e-12);
+        let turning = [rises(Vec3::zeros(), -0.4), rises(Vec3::x(), 0.4)];
+        assert!((meeting(turning, blade).unwrap() - 0.8).abs() < 1e-12);
+        // Beside the blade, short of it, and with it: not at all.
+        assert!(meeting([held[0], rises(Vec3::x() * 0.7, 0.2)], blade).is_none());
+        assert!(meeting([held[0], rises(Vec3::x(), 0.12)], blade).is_none());
+        let along = Vec3::z() * 0.3;
+        let carried = blade.map(|way| Way { to: way.to + along, ..way });
+        assert!(meeting([rises(Vec3::zeros(), 0.3), rises(Vec3::x(), 0.3)], carried).is_none());
     }
 }

@@ -10,7 +10,7 @@ use std::collections::{BTreeSet, HashMap};
 use super::cell::{Crossings, EDGES, Partition, Piece, Wall, divide};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
-use crate::model::lattice::Lattice;
+use crate::model::lattice::{Lattice, flag};
 
 /// Least volume of a piece, as a share of its cell: what is thinner weighs and resists as much, at its neighbour's expense.
 const LEAST_VOLUME: f64 = 1e-4;
@@ -145,11 +145,31 @@ impl Topology {
         if slot < self.first_copy { slot } else { self.copies[(slot - self.first_copy) as usize] }
     }
 
-    /// Whether there is tissue along an edge, not cut yet.
-    pub fn can_cut(&self, lattice: &Lattice, edge: LatticeEdge) -> bool {
-        !self.crossings.contains_key(&edge)
-            && cells_around(lattice, lattice.node_of(edge.slot))
-                .any(|(_, corner)| corner >> edge.axis & 1 == 0)
+    /// Whether there is tissue along an edge, not cut yet, and all of it of materials that are soft.
+    pub fn can_cut(&self, lattice: &Lattice, edge: LatticeEdge, is_soft: impl Fn(u8) -> bool) -> bool {
+        let mut around = cells_around(lattice, lattice.node_of(edge.slot))
+            .filter(|(_, corner)| corner >> edge.axis & 1 == 0)
+            .map(|(cell, _)| lattice.cell_material(lattice.node_of(cell)))
+            .peekable();
+        !self.crossings.contains_key(&edge) && around.peek().is_some() && around.all(is_soft)
+    }
+
+    /// Flags of a copy, by those of the lattice's own slots: it is held as the node is along the axes along which one of its pieces has a corner of its own
+    /// that is held, and by no tool. What was cut off from what is held is free.
+    pub fn flags_of(&self, lattice: &Lattice, copy: u32, flags: &[u8]) -> u8 {
+        let node = self.origin(copy);
+        let mut held = 0;
+        for (cell, corner) in cells_around(lattice, lattice.node_of(node)) {
+            let own = lattice.corners(lattice.node_of(cell));
+            let pieces = self.cells.get(&cell).into_iter().flat_map(|cell| &cell.pieces);
+            for hung in pieces.filter(|hung| hung.nodes[corner] == copy) {
+                let corners = (0..8).filter(|c| hung.piece.corners >> c & 1 != 0);
+                held |= corners.fold(0, |held, c| held | flags[own[c] as usize]);
+            }
+        }
+        // What a region drives goes by its own nodes.
+        let is_driven = flags[node as usize] & flag::DRIVEN != 0;
+        if is_driven { 0 } else { flags[node as usize] & held & flag::FIX_ALL }
     }
 
     /// Where an edge is cut, as a share of its length from its lower node.

@@ -61,16 +61,16 @@ impl ContactModel {
         }
     }
 
-    /// The model of a tool that went a way in the last step, and that tissue at its heels resists when it goes another one in the next: by `inertia`, in N/m
-    /// and so on, times the difference. The tissue has the velocity that the tool gave it, and goes on by itself; a tool that stops is left by it.
+    /// The model of a tool that went a way in the last step, and that tissue at its heels resists when it goes another one in the next: by `stopping` when it stops, and by
+    /// `inertia`, in N/m and so on, for each way from there. The tissue has the velocity that the tool gave it, and goes on by itself; a tool that stops is left by it.
     ///
     /// That is how a step of the simulation answers: what lies under the tool has to move with it by the step's end, whatever that takes. A servo that knew
     /// the stiffness at rest alone would press far beyond what the next step allows, and feel a blow.
-    pub fn going_on(self, way: &Vec6, inertia: &Mat6) -> Self {
-        let force = stacked(&self.wrench);
-        // The line's two ends: a tool that stops, and one that goes on.
-        let [stops, goes] = [force + inertia * way, force - self.stiffness * way];
+    pub fn going_on(self, way: &Vec6, stopping: &Vec6, inertia: &Mat6) -> Self {
+        let stops = stacked(&self.wrench) + stopping;
         let stiffness = self.stiffness + inertia;
+        // The line's two ends: a tool that stops, and one that goes on.
+        let goes = stops - stiffness * way;
         // A model stands where it pushes more, for where it does not push it says nothing at all.
         if linear(&stops).dot(&self.push) > linear(&goes).dot(&self.push) {
             return Self { wrench: wrench(&stops), stiffness, ..self };
@@ -274,7 +274,7 @@ mod tests {
         for z in [-1e-4, 1e-4, 1e-2] {
             let before = pressed();
             let way = Vec6::new(0.0, 0.0, z, 0.0, 0.0, 0.0);
-            let model = before.going_on(&way, &inertia);
+            let model = before.going_on(&way, &(inertia * way), &inertia);
             // On the same way again what lasts alone has changed; where the tool stops the tissue that came with it is left or left behind.
             let on = before.wrench.force_n.z - 500.0 * z;
             let stopped = before.wrench.force_n.z + 2000.0 * z;

@@ -50,11 +50,11 @@ pub struct VirtualCoupling {
 
 /// Stiffest tissue that a proxy is told of, in N/m: bone under a fingertip. What it feels like is the coupling's to limit; a proxy that is
 /// told less than the truth would bounce off it.
-const STIFFEST_N_PER_M: f64 = 1e6;
+pub(super) const STIFFEST_N_PER_M: f64 = 1e6;
 /// Likewise the damping, in N s/m.
 const MOST_DAMPING_N_S_PER_M: f64 = 1e3;
 /// Arm at which the same limits hold for rotation, in m: a finger's breadth.
-const LEVER_M: f64 = 0.01;
+pub(super) const LEVER_M: f64 = 0.01;
 
 impl Coupling {
     /// What contact models may say to this coupling. A device that feels the tissue directly is told no more than it renders; a device that
@@ -521,6 +521,8 @@ mod tests {
             tissue: Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         };
         let law = ContactModel { stiffness: tip.stiffness(&Pose::identity()), ..ContactModel::none() };
         let way = Vec6::new(1e-3, 0.0, -2e-3, 0.01, -0.02, 0.0);

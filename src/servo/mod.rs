@@ -33,7 +33,7 @@
 //! # let (time_s, period_s, stamp_s, sequence) = (0.0, 1e-3, 0.0, 1);
 //! let tissue =
 //!     |_material| Tissue { young_pa: 10e3, poisson: 0.45, relaxation_s: 0.0, density_kg_m3: 1000.0 };
-//! let patch = Patch::of(&contacts, tissue, 0.2, 4e-3);
+//! let patch = Patch::of(&contacts, tissue, |_| false, 0.2, 4e-3);
 //! let found = estimator.update(patch.as_ref(), &motion, &wrench, period_s);
 //! models.publish(ContactModel {
 //!     wrench,
@@ -64,6 +64,7 @@ pub mod device;
 pub mod flags;
 pub mod follower;
 pub mod impedance;
+pub mod lead;
 pub mod passivity;
 pub mod patch;
 pub mod safety;

@@ -34,6 +34,19 @@ pub struct Patch {
     pub sticks: bool,
     /// Edge of the cells that the tissue is divided into, in m; 0 where it is not.
     pub cell_m: f64,
+    /// What those of its points resist by along the normal that cannot move, in N/m; 0 without such points.
+    pub wall_n_per_m: f64,
+    /// Share of the force that is on them.
+    pub wall_share: f64,
+}
+
+/// What resists a tool that goes another way than in the last step, in N/m and so on about its origin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Inertia {
+    /// That of the nodes under the contact: they go on with what velocity they were given.
+    pub cell: Mat6,
+    /// That of the tissue behind: waves carry away what it was given, as a damper takes it.
+    pub waves: Mat6,
 }
 
 /// Share of the largest friction from which on a contact counts as sliding.
@@ -42,8 +55,8 @@ const SLIDING: f64 = 0.9;
 const LEAST_GIVE: f64 = 0.02;
 
 impl Patch {
-    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for; `friction` is the tool's
-    /// coefficient; `cell_m` the edge of the tissue's cells, 0 where it is not divided.
+    /// The contact that these points make, or `None` where nothing pushes. `tissue` says what a material's index stands for, `is_held` whether a point is on
+    /// what cannot move; `friction` is the tool's coefficient; `cell_m` the edge of the tissue's cells, 0 where it is not divided.
     ///
     /// All is weighed by the normal forces. The radius is that of the circle over which Hertz's pressure, p ∝ √(1 − r²/a²), has the same mean square
     /// distance from its middle: 2 a² / 5; but at least that of a circle as large as a cell's face, for a single point has no extent of its own, but moves
@@ -51,6 +64,7 @@ impl Patch {
     pub fn of(
         contacts: &[Contact],
         tissue: impl Fn(u8) -> Tissue,
+        is_held: impl Fn(&Contact) -> bool,
         friction: f64,
         cell_m: f64,
     ) -> Option<Self> {
@@ -67,6 +81,9 @@ impl Patch {
         let normal = push_direction(contacts.iter().map(|c| c.normal * -pressing(c)));
         let aside =
             |c: &Contact| (c.point_m - point_m - normal * normal.dot(&(c.point_m - point_m))).norm_squared();
+        let held = |c: &Contact| if is_held(c) { 1.0 } else { 0.0 };
+        // Contact answers to such a point's depth alone, and in proportion.
+        let wall = |c: &Contact| held(c) * normal.dot(&c.normal).powi(2) * pressing(c) / c.depth_m;
         let dragging = contacts.iter().map(|c| c.force_n - c.normal * pressing(c)).sum::<Vec3>();
         Some(Self {
             point_m,
@@ -75,38 +92,49 @@ impl Patch {
             tissue: Tissue {
                 young_pa: mean(&|c| tissue(c.material).young_pa),
                 poisson: mean(&|c| tissue(c.material).poisson),
-                relaxation_s: mean(&|c| tissue(c.material).relaxation_s),
+                relaxation_s: mean(&|c| (1.0 - held(c)) * tissue(c.material).relaxation_s),
                 density_kg_m3: mean(&|c| tissue(c.material).density_kg_m3),
             },
+            wall_n_per_m: contacts.iter().filter(|c| pressing(c) > 0.0 && c.depth_m > 0.0).map(wall).sum(),
+            wall_share: mean(&held),
             cell_m,
             sticks: friction > 0.0 && dragging.norm() < SLIDING * friction * total,
         })
     }
 
-    /// The stiffness that this contact has on a half-space, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
+    /// Whether nothing of it can move.
+    pub fn is_wall(&self) -> bool {
+        self.wall_share == 1.0
+    }
+
+    /// The stiffness that this contact has on a half-space, and that of what cannot move, about the tool's origin: 2 E* a along the normal and 8 G a / (2 − ν) across it,
     /// as that of a rigid circle of radius a (Johnson, "Contact Mechanics", 1985, chapters 3 and 7).
     pub fn stiffness(&self, origin: &Pose) -> Mat6 {
         let Tissue { young_pa, poisson, .. } = self.tissue;
         let plane_strain = young_pa / (1.0 - poisson * poisson);
         let shear = young_pa / (2.0 * (1.0 + poisson));
         let normal = 2.0 * plane_strain * self.radius_m;
-        self.springs(origin, normal, 8.0 * shear * self.radius_m / (2.0 - poisson))
+        self.springs(origin, normal + self.wall_n_per_m, 8.0 * shear * self.radius_m / (2.0 - poisson))
     }
 
-    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin: m / T², for the force that turns
-    /// the tissue's velocity into the tool's acts as long as the step. The tissue is what lies under the contact as deep as a cell and a wave in that time: a
-    /// pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in Elastic Solids", 1973, chapter 4). A single point
-    /// moves all nodes of its cell, and so as much as lies under four faces.
-    pub fn inertia(&self, origin: &Pose, step_s: f64) -> Mat6 {
+    /// What resists a tool that in a step of `step_s` seconds goes otherwise than in the last, in N/m about the tool's origin; the points of the contact move `mass_kg` at
+    /// once. That resists by m / T², for the force that turns its velocity into the tool's acts as long as the step. It is half a cell deep, as a surface's nodes are in a
+    /// lattice; by a step's end a wave has gone on from there, c T deep: a pressure wave for the way along the normal, a shear wave across it (Achenbach, "Wave Propagation in
+    /// Elastic Solids", 1973, chapter 4). A row of masses, pulled at its end at a steady speed, has then taken up 2 x − 1 times as much as the first of them, where x = c T / h is above
+    /// 1, and x² below, where only the first spring has answered.
+    pub fn inertia(&self, origin: &Pose, step_s: f64, mass_kg: f64) -> Inertia {
         let Tissue { young_pa, poisson, density_kg_m3, .. } = self.tissue;
         let shear = young_pa / (2.0 * (1.0 + poisson));
         let pressure = 2.0 * shear * (1.0 - poisson) / (1.0 - 2.0 * poisson).max(LEAST_GIVE);
-        let area = (PI * self.radius_m * self.radius_m).max(4.0 * self.cell_m * self.cell_m);
-        let resists = |modulus: f64| {
-            let depth = self.cell_m + (modulus / density_kg_m3).sqrt() * step_s;
-            density_kg_m3 * area * depth / (step_s * step_s)
+        let resists = mass_kg / (step_s * step_s);
+        let wave = |modulus: f64| {
+            let cells = (modulus / density_kg_m3).sqrt() * step_s / self.cell_m;
+            resists * if cells < 1.0 { cells * cells } else { 2.0 * cells - 1.0 }
         };
-        self.springs(origin, resists(pressure), resists(shear))
+        Inertia {
+            cell: self.springs(origin, resists, resists),
+            waves: self.springs(origin, wave(pressure), wave(shear)),
+        }
     }
 
     /// Springs that hold the contact, N/m along the normal and, where it sticks, across it, about the tool's origin.
@@ -147,6 +175,8 @@ mod tests {
             },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         }
     }
 
@@ -164,8 +194,14 @@ mod tests {
             depth_m: 1e-3,
             force_n: Vec3::new(drag, 0.0, -1.0) * (2.0 * pressure / total),
             material: if x < 0.0 { 1 } else { 2 },
+            vertices: [0; 3],
+            shares: [1.0, 0.0, 0.0],
         };
         points.iter().map(contact).collect()
+    }
+
+    fn free(_: &Contact) -> bool {
+        false
     }
 
     #[test]
@@ -196,7 +232,7 @@ mod tests {
             1 => Tissue { young_pa: 4e3, poisson: 0.4, relaxation_s: 1e-3, density_kg_m3: 900.0 },
             _ => Tissue { young_pa: 6e3, poisson: 0.48, relaxation_s: 3e-3, density_kg_m3: 1100.0 },
         };
-        let found = Patch::of(&hertzian(0.0), tissue, 0.0, 1e-3).unwrap();
+        let found = Patch::of(&hertzian(0.0), tissue, free, 0.0, 1e-3).unwrap();
         assert!((found.radius_m - 4e-3).abs() < 0.02 * 4e-3, "{found:?}");
         assert!((found.point_m - Vec3::x() * 0.1).norm() < 1e-9 && found.normal == Vec3::z(), "{found:?}");
         // A line of points more on one half than on the other.
@@ -206,49 +242,80 @@ mod tests {
     }
 
     #[test]
-    fn a_contact_is_as_heavy_as_what_a_wave_reaches_in_a_step() {
+    fn a_contact_is_as_heavy_as_its_nodes_and_what_waves_take_up_in_a_step() {
         // 5 kPa, ν 0.45: M = 18.97 kPa and G = 1.724 kPa; waves of 4.355 and 1.313 m/s.
-        let (area, cell) = (PI * 25e-6, 3e-3);
+        let (mass, cell) = (2e-3, 3e-3);
         let patch = Patch { tissue: SOFT, cell_m: cell, ..patch() };
-        for step in [1e-3, 4e-3] {
-            let inertia = patch.inertia(&Pose::identity(), step);
+        for step in [0.2e-3, 1e-3, 4e-3] {
+            let Inertia { cell: nodes, waves } = patch.inertia(&Pose::identity(), step, mass);
             for (axis, speed) in [(Vec3::z(), 4.355), (Vec3::x(), 1.313)] {
-                let expected = 1000.0 * area * (cell + speed * step) / (step * step);
-                let found = stiffness_along(&inertia, axis);
-                assert!((found - expected).abs() < 1e-3 * expected, "{found} {expected}");
+                assert!((stiffness_along(&nodes, axis) * step * step / mass - 1.0).abs() < 1e-12);
+                let expected = row_of_masses(speed * step / cell);
+                let found = stiffness_along(&waves, axis) * step * step / mass;
+                assert!((found - expected).abs() < 0.15 * (1.0 + expected), "{found} {expected}");
             }
         }
         let slippery = Patch { sticks: false, ..patch };
-        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3), Vec3::x()), 0.0);
+        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3, mass).waves, Vec3::x()), 0.0);
         let incompressible = Patch { tissue: Tissue { poisson: 0.5, ..SOFT }, ..patch };
-        assert!(incompressible.inertia(&Pose::identity(), 1e-3).iter().all(|x| x.is_finite()));
+        assert!(incompressible.inertia(&Pose::identity(), 1e-3, mass).waves.iter().all(|x| x.is_finite()));
+    }
+
+    /// Momentum that a row of unit masses on unit springs has taken up, beyond the first's, when that one has been moved at unit speed for a time; the first
+    /// mass is half of the others, so in its measure twice as much.
+    fn row_of_masses(time: f64) -> f64 {
+        let (mut at, mut speed, steps) = ([0.0_f64; 60], [0.0; 60], 20_000);
+        let dt = time / f64::from(steps);
+        for step in 0..steps {
+            at[0] = f64::from(step) * dt;
+            for i in 1..59 {
+                speed[i] += dt * (at[i - 1] - 2.0 * at[i] + at[i + 1]);
+            }
+            (1..59).for_each(|i| at[i] += dt * speed[i]);
+        }
+        2.0 * speed.iter().sum::<f64>()
     }
 
     #[test]
     fn a_single_point_is_as_stiff_as_the_smallest_contact() {
         let point = Contact { force_n: -Vec3::z(), ..hertzian(0.0)[0] };
         let cell_m = 2e-3 * PI.sqrt();
-        let found = Patch::of(&[point], |_| SOFT, 0.3, cell_m).unwrap();
+        let found = Patch::of(&[point], |_| SOFT, free, 0.3, cell_m).unwrap();
         let stiffness = stiffness_along(&found.stiffness(&Pose::identity()), Vec3::z());
         assert!((stiffness - 2.0 * 5e3 / (1.0 - 0.45 * 0.45) * 2e-3).abs() < 1e-9, "2 E* a: {stiffness}");
         // Where points make a larger circle, that is the contact's.
-        assert!(Patch::of(&hertzian(0.0), |_| SOFT, 0.3, cell_m).unwrap().radius_m > 3.9e-3);
+        assert!(Patch::of(&hertzian(0.0), |_| SOFT, free, 0.3, cell_m).unwrap().radius_m > 3.9e-3);
+    }
+
+    #[test]
+    fn points_that_cannot_move_are_as_stiff_as_they_answer_and_have_no_viscosity() {
+        let viscous = |_| Tissue { relaxation_s: 1e-3, ..SOFT };
+        let points = hertzian(0.0);
+        let soft = Patch::of(&points, viscous, free, 0.0, 1e-3).unwrap();
+        let wall = Patch::of(&points, viscous, |_| true, 0.0, 1e-3).unwrap();
+        let along = |patch: &Patch| stiffness_along(&patch.stiffness(&Pose::identity()), Vec3::z());
+        // 2 N over a depth of 1 mm.
+        assert!((along(&wall) - along(&soft) - 2000.0).abs() < 1e-6);
+        assert!(wall.is_wall() && !soft.is_wall() && wall.tissue.relaxation_s == 0.0);
+        let half = Patch::of(&points, viscous, |c| c.material == 1, 0.0, 1e-3).unwrap();
+        assert!(!half.is_wall() && (half.wall_share - 0.5).abs() < 0.02, "{half:?}");
     }
 
     #[test]
     fn a_contact_sticks_inside_the_cone_of_friction() {
-        let sticks =
-            |drag: f64, friction: f64| Patch::of(&hertzian(drag), |_| SOFT, friction, 0.0).unwrap().sticks;
+        let sticks = |drag: f64, friction: f64| {
+            Patch::of(&hertzian(drag), |_| SOFT, free, friction, 0.0).unwrap().sticks
+        };
         assert!(sticks(0.2, 0.3) && !sticks(0.3, 0.3) && !sticks(0.0, 0.0));
     }
 
     #[test]
     fn nothing_that_pushes_is_no_contact() {
-        assert_eq!(Patch::of(&[], |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&[], |_| SOFT, free, 0.0, 1e-3), None);
         let still: Vec<_> =
             hertzian(0.0).into_iter().map(|c| Contact { force_n: Vec3::zeros(), ..c }).collect();
-        assert_eq!(Patch::of(&still, |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&still, |_| SOFT, free, 0.0, 1e-3), None);
         let lost = Contact { force_n: Vec3::repeat(f64::NAN), ..still[0] };
-        assert_eq!(Patch::of(&[lost], |_| SOFT, 0.0, 1e-3), None);
+        assert_eq!(Patch::of(&[lost], |_| SOFT, free, 0.0, 1e-3), None);
     }
 }

@@ -162,6 +162,8 @@ mod tests {
             },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         }
     }
 

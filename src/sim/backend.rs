@@ -82,6 +82,9 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
 }
 
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
+    if desc.cut_nodes > 0 {
+        return Err(Error::Unsupported("tissue is cut on the processor alone".into()));
+    }
     if desc.method == Method::Lattice && desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
     }

@@ -8,13 +8,14 @@ use crate::cut::topology::{HungPiece, LatticeEdge, Topology, whole};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::lattice::{BRICK_SLOTS, Lattice, flag};
-use crate::solver::Solver;
 use crate::solver::method::Method;
 
-/// The topology as cuts have left it, and where nodes were at the last one.
+/// The topology as cuts have left it, and where the last one ended.
 #[derive(Debug)]
 pub(super) struct Cuts {
     topology: Topology,
+    /// The blade, model frame.
+    blade: Vec<Vec3>,
     /// Displacements of the lattice's own slots, model frame.
     before: Vec<Vec3>,
 }
@@ -32,11 +33,11 @@ pub struct Part {
     pub velocity_m_s: Vec3,
 }
 
-/// Nodes of a lattice between two cuts.
+/// Nodes of a lattice between two cuts, by their displacements.
 struct Nodes<'a> {
     lattice: &'a Lattice,
     before: &'a [Vec3],
-    solver: &'a dyn Solver,
+    now: &'a [Vec3],
 }
 
 impl Moving for Nodes<'_> {
@@ -45,7 +46,7 @@ impl Moving for Nodes<'_> {
     }
 
     fn to(&self, slot: u32) -> Vec3 {
-        self.lattice.rest_position(slot) + self.solver.displacement(slot)
+        self.lattice.rest_position(slot) + self.now[slot as usize]
     }
 }
 
@@ -58,55 +59,62 @@ impl State {
         }
         let model = self.model.clone();
         let (lattice, to_model) = (model.lattice(), model.frame().inverse());
-        let place =
-            |points: &[Vec3]| points.iter().map(|p| to_model.transform_point(&(*p).into()).coords).collect();
+        let place = |points: &[Vec3]| -> Vec<Vec3> {
+            points.iter().map(|p| to_model.transform_point(&(*p).into()).coords).collect()
+        };
         let sweep = Sweep { from: place(from), to: place(to) };
-        let now = || {
-            (0..lattice.slot_count() as u32).map(|slot| self.solver.displacement(slot)).collect::<Vec<_>>()
-        };
-        let mut cuts = match self.cuts.take() {
-            Some(cuts) => cuts,
-            None => {
-                let bricks = self.desc.cut_nodes.div_ceil(BRICK_SLOTS);
-                let topology = Topology::new(lattice.slot_count() as u32, bricks * BRICK_SLOTS);
-                Cuts { topology, before: now() }
-            }
-        };
-        let nodes = Nodes { lattice, before: &cuts.before, solver: &*self.solver };
-        let crossed = sweep.crossed(lattice, &nodes, |edge| cuts.topology.can_cut(lattice, edge));
-        let after = now();
-        let answer = self.take_cut(&mut cuts, &crossed);
-        cuts.before = after;
-        self.cuts = Some(cuts);
+        let now: Vec<Vec3> =
+            (0..lattice.slot_count() as u32).map(|slot| self.solver.displacement(slot)).collect();
+        let cuts = self.cuts.take().unwrap_or_else(|| {
+            let capacity = self.desc.cut_nodes.div_ceil(BRICK_SLOTS) * BRICK_SLOTS;
+            let topology = Topology::new(lattice.slot_count() as u32, capacity);
+            Cuts { topology, blade: Vec::new(), before: Vec::new() }
+        });
+        // A blade that sweeps on meets what has moved meanwhile; one that is put in anew does not.
+        let before = if cuts.blade == sweep.from { &cuts.before } else { &now };
+        let nodes = Nodes { lattice, before, now: &now };
+        let laws = &self.body.laws;
+        let is_soft = |material: u8| laws[usize::from(material)].spring_n_m > 0.0;
+        let crossed = sweep.crossed(lattice, &nodes, |edge| cuts.topology.can_cut(lattice, edge, is_soft));
+        let mut topology = cuts.topology.clone();
+        let answer = self.take_cut(&mut topology, &crossed);
+        let topology = if answer.is_ok() { topology } else { cuts.topology };
+        self.cuts = Some(Cuts { topology, blade: sweep.to, before: now });
         answer
     }
 
-    fn take_cut(&mut self, cuts: &mut Cuts, crossed: &[(LatticeEdge, f64)]) -> Result<usize> {
-        if crossed.is_empty() {
+    fn take_cut(&mut self, topology: &mut Topology, crossed: &[(LatticeEdge, f64)]) -> Result<usize> {
+        let change = topology.cut(self.model.lattice(), crossed)?;
+        if change.cells.is_empty() {
             return Ok(0);
         }
-        let mut topology = cuts.topology.clone();
-        let change = topology.cut(self.model.lattice(), crossed)?;
-        if !change.cells.is_empty() {
-            // Should it fail, steps are only shorter than they need be.
-            self.body.note_cut(&self.model);
-            self.solver.cut(&topology, &change, self.body.stable_dt)?;
-        }
-        cuts.topology = topology;
+        // Should the rest fail, steps are only shorter than they need be.
+        self.body.note_cut(&self.model);
+        self.statistics.stable_substep_s = self.body.stable_dt;
+        let flags = self.flags_of_copies(topology);
+        let taken = self.solver.cut(topology, &change);
+        let taken = taken.and_then(|()| self.solver.set_flags(&flags, self.body.stable_dt));
+        self.heed(taken)?;
         Ok(change.cells.len())
     }
 
-    /// The node of the lattice that a slot is a copy of, or itself.
-    pub fn origin(&self, slot: u32) -> u32 {
-        self.cuts.as_ref().map_or(slot, |cuts| cuts.topology.origin(slot))
+    fn flags_of_copies(&self, topology: &Topology) -> Vec<(u32, u8)> {
+        let of = |copy| (copy, topology.flags_of(self.model.lattice(), copy, &self.body.flags));
+        topology.copies().map(of).collect()
     }
 
-    /// Adds the copies of nodes whose flags change; what a tool holds is the node itself alone.
+    /// Flags of a slot, of the lattice or a copy.
+    pub fn flags_of(&self, slot: u32) -> u8 {
+        let of_copy = |cuts: &Cuts| cuts.topology.flags_of(self.model.lattice(), slot, &self.body.flags);
+        let own = self.body.flags.get(slot as usize).copied();
+        own.or_else(|| self.cuts.as_ref().map(of_copy)).unwrap_or(flag::FIX_ALL)
+    }
+
+    /// Adds the flags of all copies of nodes to those of nodes that change.
     pub fn add_copies(&self, changed: &mut Vec<(u32, u8)>) {
-        let Some(cuts) = &self.cuts else { return };
-        let flags: HashMap<u32, u8> = changed.iter().copied().collect();
-        let follow = |copy: u32| Some((copy, flags.get(&cuts.topology.origin(copy))? & !flag::GRASPED));
-        changed.extend(cuts.topology.copies().filter_map(follow));
+        if let Some(cuts) = &self.cuts {
+            changed.extend(self.flags_of_copies(&cuts.topology));
+        }
     }
 
     /// Every whole cell and every piece: its material and what it hangs on.
@@ -174,9 +182,11 @@ impl State {
             let (part, momentum) = parts.entry(root(&mut next, n)).or_insert((none, Vec3::zeros()));
             part.volume_m3 += hung.piece.volume * h * h * h;
             part.mass_kg += kg;
-            for (node, share) in hung.nodes.into_iter().zip(self.shares(hung)) {
+            for (corner, (node, share)) in hung.nodes.into_iter().zip(self.shares(hung)).enumerate() {
                 *momentum += self.solver.velocity(node) * (kg * share);
-                part.is_held |= self.body.flags[self.origin(node) as usize] & flag::FIX_ALL == flag::FIX_ALL;
+                // Its own corners are nodes of the lattice.
+                part.is_held |= hung.piece.corners >> corner & 1 != 0
+                    && self.body.flags[node as usize] & flag::FIX_ALL == flag::FIX_ALL;
             }
         }
         let mut parts: Vec<Part> = parts

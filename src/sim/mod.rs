@@ -10,6 +10,7 @@
 
 mod backend;
 mod body;
+mod carried;
 mod cut;
 mod drive;
 mod event;
@@ -86,7 +87,8 @@ pub struct SimDesc {
     pub drag_per_s: f64,
     /// Whether quiet bricks of nodes fall asleep and stay as anchors.
     pub sleeping: bool,
-    /// Room for the copies of nodes that cuts make; with 0 the tissue cannot be cut. A cut through a cell takes four to eight.
+    /// Room for the copies of nodes that cuts make, rounded up to whole bricks of 128; with 0 the tissue cannot be cut. A wide cut takes two for each cell that it divides, a short
+    /// one more, up to eight. What is cut off has weight only where [`Self::rest_under_gravity`] is not set.
     pub cut_nodes: usize,
 }
 
@@ -128,6 +130,12 @@ impl SimDesc {
         if self.threads > MAX_THREADS {
             return Err(Error::Limit(format!("{} threads are more than {MAX_THREADS}", self.threads)));
         }
+        if self.cut_nodes > MAX_CUT_NODES {
+            return Err(Error::Limit(format!(
+                "room for {} copies of nodes is more than for {MAX_CUT_NODES}",
+                self.cut_nodes
+            )));
+        }
         if let Method::Efg(desc) = &self.method {
             desc.check()?;
         }
@@ -141,6 +149,8 @@ pub const MAX_SUBSTEPS: u32 = 100_000;
 pub const MAX_THREADS: usize = 256;
 /// Largest gravity along an axis in m/s²: a hundred times that of the Earth.
 pub const MAX_GRAVITY_M_S2: f64 = 1e3;
+/// Most copies of nodes that cuts make.
+pub const MAX_CUT_NODES: usize = 1 << 24;
 /// Most tools of one simulation.
 pub const MAX_TOOLS: usize = 64;
 
@@ -291,7 +301,7 @@ impl Sim {
         self.with(|state| state.settle(tolerance_m_s2, max_substeps))
     }
 
-    /// Back to the rest state at time 0: tissue whole, rigid regions at their rest places, tools without force. Loads, tools and gravity stay. A
+    /// Back to the rest state at time 0: tissue whole (the substep stays as short as a cut has made it), rigid regions at their rest places, tools without force. Loads, tools and gravity stay. A
     /// simulation whose GPU was lost stays as it is.
     pub fn reset(&mut self) {
         self.with(State::reset);
@@ -335,11 +345,11 @@ impl Sim {
         self.with(|state| state.release_tissue(tool))
     }
 
-    /// Cuts what the edge of a blade sweeps on its way from one polyline to another, world frame, in m: the first point to the first, and so on. The tissue is taken
-    /// as it was at the last cut, and as it is now, so that a blade that sweeps on from where it was leaves no gap. Gives how many cells were cut through.
+    /// Cuts what the edge of a blade sweeps on its way from one polyline to another, world frame, in m: the first point to the first, and so on. Where it starts where the last
+    /// cut ended, it sweeps on: tissue that has moved against the blade since is cut as well, and no gap is left. Gives how many cells were divided, or divided otherwise.
     ///
-    /// A cell that is crossed in part is whole until the blade, now or later, has come through. Where there is no room for the nodes that a cut takes
-    /// ([`SimDesc::cut_nodes`]) nothing is cut.
+    /// A cell that is crossed in part is whole until the blade, now or later, has come through. Rigid cells are not cut. Where there is no room for the nodes that
+    /// a cut takes ([`SimDesc::cut_nodes`]) nothing is cut.
     pub fn cut(&mut self, from: &[Vec3], to: &[Vec3]) -> Result<usize> {
         if from.len() != to.len() || from.len() < 2 {
             return Err(Error::argument(

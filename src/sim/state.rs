@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::body::Body;
+use super::carried::{Carried, Mobility, is_held};
 use super::cut::Cuts;
 use super::event::{Event, Events};
 use super::haptics::Haptics;
@@ -56,7 +57,7 @@ pub(super) struct State {
     next_id: u64,
     pub(super) body: Body,
     report: StepReport,
-    statistics: Statistics,
+    pub(super) statistics: Statistics,
     pub latency: Latency,
     tool_work_j: f64,
     diverged_at: Option<f64>,
@@ -70,6 +71,7 @@ pub(super) struct State {
     sums: Vec<ToolSum>,
     /// Contacts of the tool at hand, world frame.
     touched: Vec<Contact>,
+    carried: Carried,
     events: Events,
     moved_regions: Vec<RegionStep>,
     pub(super) cuts: Option<Cuts>,
@@ -107,6 +109,7 @@ impl State {
             moved_regions: Vec::with_capacity(model.regions().len()),
             sums: Vec::with_capacity(MAX_TOOLS),
             touched: Vec::with_capacity(MAX_TOUCHED),
+            carried: Carried::default(),
             events,
             cuts: None,
             model,
@@ -406,7 +409,7 @@ impl State {
         for (slot, mass) in masses {
             // At the time of the displacements velocities are this.
             let v = self.solver.velocity(slot);
-            let flags = self.body.flags[self.origin(slot) as usize];
+            let flags = self.flags_of(slot);
             let a = accelerations.get(slot as usize).map_or(Vec3::zeros(), |a| a + gravity);
             let v = Vec3::from_fn(|axis, _| {
                 if flags & (flag::FIX_X << axis) == 0 { v[axis] + a[axis] * half } else { v[axis] }
@@ -466,7 +469,7 @@ impl State {
     }
 
     /// Hands a backend's answer on; one that says that the device is lost ends the simulation.
-    fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
+    pub(super) fn heed<T>(&mut self, answer: Result<T>) -> Result<T> {
         if let Err(Error::Device(why)) = &answer {
             self.lost = Some(why.clone());
             self.events.tell(Event::DeviceLost { time_s: self.statistics.time_s });
@@ -521,9 +524,10 @@ impl State {
             let Some(mut asked) = *newest else { continue };
             // A tool appears where it is first set, without having swept the way there.
             let from = tool.stands.unwrap_or(asked).motion.pose;
-            if let Some((_, hearing)) = &mut tool.device {
+            if let Some((haptics, hearing)) = &mut tool.device {
                 tool.began.get_or_insert(asked);
-                asked.motion = reached(&from, &asked.motion, tool.desc.bounding_radius_m(), self.desc.step_s);
+                let (step_s, radius) = (self.desc.step_s, tool.desc.bounding_radius_m());
+                asked.motion = reached(&from, &haptics.led(&from, &asked.motion, step_s), radius, step_s);
                 if hearing.falls_silent(is_news, now) {
                     self.events.tell(Event::ServoSilent { time_s, tool: id });
                 }
@@ -632,8 +636,21 @@ impl State {
                 tool.entered = Some(asked);
             }
             let friction = tool.desc.friction;
-            let materials = &self.body.materials;
-            let model = haptics.model(&asked, &force, touched, friction, duration, now, materials);
+            let Body { materials, laws, flags, .. } = &self.body;
+            let (lattice, rows) =
+                (self.model.lattice(), &self.model.surfaces()[self.model.contact_surface()].rows);
+            let mobility = |slot: u32, push: &Vec3| {
+                let push = frame.inverse() * push;
+                let held = flags[slot as usize];
+                let kg = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+                let free = (0..3).filter(|axis| held & (flag::GRASPED | flag::FIX_X << axis) == 0);
+                let square: f64 = free.map(|axis| push[axis] * push[axis]).sum();
+                Mobility { free: square / kg, all: push.norm_squared() / kg }
+            };
+            let is_held = |contact: &Contact| is_held(contact, rows, mobility);
+            let mass_kg = || self.carried.mass_kg(touched.iter().filter(|c| !is_held(c)), rows, mobility);
+            let model =
+                haptics.model(&asked, &force, touched, friction, duration, now, materials, is_held, mass_kg);
             tool.felt.publish(Felt { force, model });
         }
         self.check()

@@ -180,9 +180,10 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
-    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`. Fails where this device cannot cut.
-    fn cut(&mut self, topology: &Topology, change: &Change, stable_dt: f64) -> Result<()> {
-        let _ = (topology, change, stable_dt);
+    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`. [`Self::set_flags`] with those of all copies follows. Fails where
+    /// this device cannot cut.
+    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+        let _ = (topology, change);
         Err(Error::Unsupported("cutting runs on the processor".into()))
     }
 

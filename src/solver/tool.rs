@@ -82,6 +82,10 @@ pub struct Contact {
     pub force_n: Vec3,
     /// Material index of the tissue, 1 to 15.
     pub material: u8,
+    /// Vertices of the contact surface between which it lies, and the share of each. A point somewhere in a triangle of which no more is known is told as its middle.
+    pub vertices: [u32; 3],
+    /// They sum to one.
+    pub shares: [f64; 3],
 }
 
 impl ToolDesc {

@@ -60,6 +60,8 @@ impl Tissue {
             },
             sticks: true,
             cell_m: 0.0,
+            wall_n_per_m: 0.0,
+            wall_share: 0.0,
         }
     }
 }

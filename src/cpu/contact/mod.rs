@@ -94,6 +94,8 @@ pub struct ContactSurface {
 struct Point {
     tool: u32,
     triangle: u32,
+    /// Of the triangle's corners in it.
+    shares: [f64; 3],
     /// Range in `carried`: local nodes and weights.
     start: u32,
     end: u32,
@@ -293,6 +295,8 @@ impl ContactSurface {
             depth_m: p.depth,
             force_n: (p.normal * p.push + p.drag) / dt,
             material: surface.materials[surface.triangles[p.triangle as usize][0] as usize],
+            vertices: surface.triangles[p.triangle as usize],
+            shares: p.shares,
         })
     }
 
@@ -399,6 +403,7 @@ impl ContactSurface {
         let point = Point {
             tool: view.number,
             triangle,
+            shares: weights,
             start: self.carried.len() as u32,
             end: self.carried.len() as u32,
             position: p,
@@ -413,13 +418,13 @@ impl ContactSurface {
             push: 0.0,
             drag: Vec3::zeros(),
         };
-        if !self.carry(point, weights, nodes) && distance < 0.0 {
+        if !self.carry(point, nodes) && distance < 0.0 {
             self.dropped += 1;
         }
     }
 
     /// Adds a point and the nodes of its row; false where there is no room.
-    fn carry<R: Real>(&mut self, mut point: Point, weights: [f64; 3], nodes: &ContactNodes<R>) -> bool {
+    fn carry<R: Real>(&mut self, mut point: Point, nodes: &ContactNodes<R>) -> bool {
         if self.points.len() == MAX_POINTS || self.nodes.len() + 3 * ROW > MAX_NODES {
             return false;
         }
@@ -427,7 +432,7 @@ impl ContactSurface {
         let surface = &model.surfaces()[model.contact_surface()];
         let start = point.start as usize;
         let vertices = surface.triangles[point.triangle as usize];
-        for (vertex, share) in vertices.into_iter().zip(weights).filter(|(_, share)| *share != 0.0) {
+        for (vertex, share) in vertices.into_iter().zip(point.shares).filter(|(_, share)| *share != 0.0) {
             let row = &surface.rows[vertex as usize];
             for i in (0..ROW).filter(|&i| row.weights[i] != 0.0) {
                 let weight = share * f64::from(row.weights[i]);

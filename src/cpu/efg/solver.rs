@@ -463,14 +463,11 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, _stable_dt: f64) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
         self.bricks.divide(topology, change);
         for birth in &change.births {
-            self.flags[birth.slot as usize] =
-                self.flags[topology.origin(birth.slot) as usize] & !flag::GRASPED;
             self.u.set(birth.slot, self.u.vec3(birth.from));
             self.v.set(birth.slot, self.v.vec3(birth.from));
-            self.system.x.set(birth.slot, self.system.x.vec3(birth.from));
         }
         for &cell in change.cells.iter().chain(&change.rehung) {
             let divided = topology.cell(cell).expect("what a cut changed is divided");

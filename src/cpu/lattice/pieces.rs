@@ -55,7 +55,7 @@ pub struct Pieces<R> {
 }
 
 // SAFETY: `given` alone is written through a shared reference, each entry by the one thread whose share of the pieces it is in; threads meet before any reads it.
-unsafe impl<R: Sync> Sync for Pieces<R> {}
+unsafe impl<R: Send + Sync> Sync for Pieces<R> {}
 
 impl<R: Real> Pieces<R> {
     /// Of a topology, on so many bricks.
@@ -214,7 +214,8 @@ impl<R: Real> Piece<R> {
                     }
                 }
                 let elongation = class.elongation(squared_change(d, rd, h2));
-                if diagonal == 1 {
+                // Rigid cells have none.
+                if diagonal == 1 && stiffness.to_f64() > 0.0 {
                     given.strain = given.strain.max(elongation.to_f64().abs() as f32);
                 }
                 let mut pull = stiffness.mul(elongation);

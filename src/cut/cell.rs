@@ -103,8 +103,25 @@ impl Piece {
 pub struct Wall {
     /// Indices of the pieces that it parts.
     pub pieces: [usize; 2],
-    /// Its corners in the cell, from 0 to 1 along each axis: the crossing of an edge, then a point on a face and one inside, or the other way round.
+    /// Its corners in the cell, from 0 to 1 along each axis: the crossing of an edge, then a point on a face and one inside.
     pub corners: [Vec3; 3],
+    /// Where in the cell it is.
+    pub place: Place,
+}
+
+/// Where in its cell a wall's triangle is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// The edge at whose crossing its first corner is, as in [`EDGES`].
+    pub edge: usize,
+    /// The face that its second corner lies on: twice its axis, and one more for the high side.
+    pub face: usize,
+    /// Which of that face's edges it is, counter-clockwise seen from outside.
+    pub turn: usize,
+    /// The sheet whose point inside its third corner is.
+    pub sheet: usize,
+    /// The corner of the cell at that edge which the wall faces.
+    pub corner: usize,
 }
 
 /// A cell as its cuts have left it.
@@ -186,7 +203,8 @@ pub fn divide(crossings: &Crossings) -> Option<Partition> {
                 let turned = [triangle[0], triangle[2], triangle[1]];
                 sums[pieces[0]].add(turned);
                 sums[pieces[1]].add(triangle);
-                walls.push(Wall { pieces, corners: triangle });
+                let place = Place { edge: after, face: f, turn: n, sheet: sheet[after], corner: corners[n] };
+                walls.push(Wall { pieces, corners: triangle, place });
             }
         }
     }

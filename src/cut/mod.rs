@@ -4,5 +4,7 @@
 #![doc = include_str!("../../docs/cutting.md")]
 
 pub mod cell;
+pub mod margin;
+pub mod surface;
 pub mod sweep;
 pub mod topology;

@@ -4,6 +4,8 @@
 //! no point of the blade has to be taken back to the tissue's rest. Nodes and the blade's points move straight from the start to the end of a sweep, and an edge is crossed where and when
 //! it meets the blade on that way: where one sweep ends the next begins, and tissue that moves against a blade at rest is cut as well.
 
+use super::margin::Margin;
+use super::surface::grid::{GridEdge, GridNode};
 use super::topology::LatticeEdge;
 use crate::math::Vec3;
 use crate::model::lattice::Lattice;
@@ -40,23 +42,53 @@ impl Sweep {
     ) -> Vec<(LatticeEdge, f64)> {
         let beside = BESIDE * lattice.cell_m();
         let way = |slot: u32| Way { from: nodes.from(slot) - beside, to: nodes.to(slot) - beside };
-        let Some((low, high)) = bounds(self.from.iter().chain(&self.to)) else { return Vec::new() };
+        let Some(bounds) = self.bounds() else { return Vec::new() };
         let mut crossed = Vec::new();
         for slot in lattice.slots() {
-            let (a, node) = (way(slot), lattice.node_of(slot));
+            let node = lattice.node_of(slot);
             for axis in 0..3 {
                 let mut beyond = node;
                 beyond[axis] += 1;
+                let Some(other) = lattice.slot(beyond) else { continue };
                 let edge = LatticeEdge { slot, axis: axis as u8 };
-                let Some(b) = lattice.slot(beyond).map(way) else { continue };
-                let is_near = bounds([&a.from, &a.to, &b.from, &b.to].into_iter())
-                    .is_some_and(|(from, to)| (0..3).all(|c| to[c] >= low[c] && from[c] <= high[c]));
-                if is_near && is_there(edge) {
-                    crossed.extend(self.crossing([a, b]).map(|at| (edge, at)));
-                }
+                let at = self.passes(bounds, [way(slot), way(other)], || is_there(edge));
+                crossed.extend(at.map(|at| (edge, at)));
             }
         }
         crossed
+    }
+
+    /// The edges of the empty cells around a lattice's tissue that the sweep crosses, and where. They move as the tissue beside them does.
+    pub fn crossed_beyond(
+        &self,
+        lattice: &Lattice,
+        margin: &Margin,
+        nodes: &impl Moving,
+    ) -> Vec<(GridEdge, f64)> {
+        let Some(bounds) = self.bounds() else { return Vec::new() };
+        let passed = |&(edge, tissue): &(GridEdge, [u32; 2])| {
+            let high = std::array::from_fn(|axis| edge.0[axis] + i32::from(axis == edge.1));
+            let end = |node: GridNode, slot: u32| {
+                let place = Vec3::from(node.map(f64::from)) - BESIDE;
+                let beside = place * lattice.cell_m() - lattice.rest_position(slot);
+                Way { from: nodes.from(slot) + beside, to: nodes.to(slot) + beside }
+            };
+            let ends = [end(edge.0, tissue[0]), end(high, tissue[1])];
+            self.passes(bounds, ends, || true).map(|at| (edge, at))
+        };
+        margin.edges().iter().filter_map(passed).collect()
+    }
+
+    /// Where the sweep crosses an edge whose ends move, if it is there at all.
+    fn passes(&self, (low, high): (Vec3, Vec3), ends: [Way; 2], is_there: impl Fn() -> bool) -> Option<f64> {
+        let (from, to) = bounds(ends.iter().flat_map(|end| [&end.from, &end.to]))?;
+        let is_near = (0..3).all(|c| to[c] >= low[c] && from[c] <= high[c]);
+        if is_near && is_there() { self.crossing(ends) } else { None }
+    }
+
+    /// Lowest and highest coordinates of the blade's edge.
+    fn bounds(&self) -> Option<(Vec3, Vec3)> {
+        bounds(self.from.iter().chain(&self.to))
     }
 
     /// Where the sweep crosses an edge whose ends move meanwhile: the lowest share of it.
@@ -144,10 +176,69 @@ fn roots_of_cubic(f: impl Fn(f64) -> f64) -> [Option<f64>; 3] {
     })
 }
 
+/// Where a triangle crosses the segment from `a` to `b`, as a share of it: a cut for tests.
+#[cfg(test)]
+pub(crate) fn share(a: Vec3, b: Vec3, [p, q, r]: [Vec3; 3]) -> Option<f64> {
+    let (along, u, v) = (b - a, q - p, r - p);
+    let normal = u.cross(&v);
+    let at = normal.dot(&(p - a)) / normal.dot(&along);
+    let there = a + along * at - p;
+    let (s, t) = (normal.dot(&there.cross(&v)), normal.dot(&u.cross(&there)));
+    let is_inside = s >= 0.0 && t >= 0.0 && s + t <= normal.norm_squared();
+    ((0.0..=1.0).contains(&at) && is_inside).then_some(at)
+}
+
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
     use crate::noise::Noise;
+
+    const H: f64 = 2e-3;
+
+    /// Tissue that is displaced as a whole.
+    struct Displaced<'a>(&'a Lattice, [Vec3; 2]);
+
+    impl Moving for Displaced<'_> {
+        fn from(&self, slot: u32) -> Vec3 {
+            self.0.rest_position(slot) + self.1[0]
+        }
+
+        fn to(&self, slot: u32) -> Vec3 {
+            self.0.rest_position(slot) + self.1[1]
+        }
+    }
+
+    #[test]
+    fn beside_the_tissue_a_blade_crosses_what_lies_in_its_way_wherever_the_tissue_has_moved() {
+        let lattice = Lattice::new([4, 3, 2], H, &[1; 24]).unwrap();
+        let margin = Margin::new(&lattice, 2);
+        let height = |x: f64| 0.7 + 0.2 * x;
+        let point = |x: f64, y: f64| Vec3::new(x, y, height(x)) * H;
+        let (start, end) = (Vec3::new(3.0, -1.0, 2.0) * H, Vec3::new(2.5, 0.5, 1.5) * H);
+        let sweep = Sweep {
+            from: vec![point(-9.0, -9.0) + start, point(9.0, -9.0) + start],
+            to: vec![point(-9.0, 9.0) + end, point(9.0, 9.0) + end],
+        };
+        let crossed: BTreeMap<GridEdge, f64> =
+            sweep.crossed_beyond(&lattice, &margin, &Displaced(&lattice, [start, end])).into_iter().collect();
+        let mut expected = 0;
+        for &((low, axis), _) in margin.edges() {
+            let [x, z] = [low[0], low[2]].map(f64::from);
+            let at = match axis {
+                0 => (z - 0.7) / 0.2 - x,
+                1 => -1.0,
+                _ => height(x) - z,
+            };
+            if (0.01..0.99).contains(&at) {
+                expected += 1;
+                assert!((crossed[&(low, axis)] - at).abs() < 1e-5);
+            }
+        }
+        // Those that the blade passes at a node are on one side or the other.
+        assert!(expected > 20 && crossed.len() <= expected + 8, "{expected} {}", crossed.len());
+    }
 
     fn point(noise: &mut Noise) -> Vec3 {
         Vec3::from_fn(|_, _| noise.next())

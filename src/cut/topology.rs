@@ -177,6 +177,11 @@ impl Topology {
         self.crossings.get(&edge).copied()
     }
 
+    /// The edges that are cut, and where.
+    pub fn crossings(&self) -> impl Iterator<Item = (LatticeEdge, f64)> + '_ {
+        self.crossings.iter().map(|(&edge, &at)| (edge, at))
+    }
+
     /// Cuts edges, at shares of their lengths from their lower nodes. Those that are cut already stay as they are.
     ///
     /// Fails when there is no room for the copies that this takes; nothing is cut then.
@@ -393,20 +398,10 @@ fn keep_volumes(pieces: &mut [Piece]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cut::sweep::share;
     use crate::noise::Noise;
 
     const H: f64 = 2e-3;
-
-    /// Where a triangle crosses the segment from `a` to `b`, as a share of it.
-    fn share(a: Vec3, b: Vec3, [p, q, r]: [Vec3; 3]) -> Option<f64> {
-        let (along, u, v) = (b - a, q - p, r - p);
-        let normal = u.cross(&v);
-        let at = normal.dot(&(p - a)) / normal.dot(&along);
-        let there = a + along * at - p;
-        let (s, t) = (normal.dot(&there.cross(&v)), normal.dot(&u.cross(&there)));
-        let is_inside = s >= 0.0 && t >= 0.0 && s + t <= normal.norm_squared();
-        ((0.0..=1.0).contains(&at) && is_inside).then_some(at)
-    }
 
     fn block(cells: [usize; 3]) -> Lattice {
         Lattice::new(cells, H, &vec![1; cells.iter().product()]).unwrap()

@@ -129,26 +129,30 @@ fn distance_to_cell(cell: [usize; 3], point: &Vec3) -> f64 {
     Vec3::new(outside(0), outside(1), outside(2)).norm()
 }
 
-/// Trilinear weights of a cell's eight corners, rounded so that their sum stays one.
+/// A point's row on the corners of a cell.
 fn trilinear_row<S: CellSpace>(space: &S, cell: [usize; 3], point: &Vec3) -> Result<Row> {
-    let local = point - Vec3::from(cell.map(|x| x as f64));
-    let mut row = Row { nodes: [0; ROW], weights: [0.0; ROW] };
-    for corner in 0..ROW {
+    let mut nodes = [0; ROW];
+    for (corner, slot) in nodes.iter_mut().enumerate() {
         let offset = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
         let node = [0, 1, 2].map(|a| cell[a] + offset[a]);
-        let along = |a: usize| if offset[a] == 1 { local[a] } else { 1.0 - local[a] };
-
-        row.nodes[corner] = space.slot(node).ok_or_else(|| {
+        *slot = space.slot(node).ok_or_else(|| {
             Error::argument(format!("cell {cell:?} is occupied but its corner {node:?} is missing"))
         })?;
-        row.weights[corner] = (along(0) * along(1) * along(2)) as f32;
     }
+    Ok(trilinear(nodes, &(point - Vec3::from(cell.map(|x| x as f64)))))
+}
 
+/// The row on a cell's eight nodes of a point in it, from 0 to 1 along each axis: weights are rounded so that their sum stays one.
+pub(crate) fn trilinear(nodes: [u32; ROW], local: &Vec3) -> Row {
+    let mut weights = [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {
+        let along = |a: usize| if corner >> a & 1 == 1 { local[a] } else { 1.0 - local[a] };
+        (along(0) * along(1) * along(2)) as f32
+    });
     // What rounding lost goes to the largest weight, where it changes the relative error least.
-    let sum: f64 = row.weights.iter().map(|&w| f64::from(w)).sum();
-    let largest = (1..ROW).fold(0, |best, n| if row.weights[n] > row.weights[best] { n } else { best });
-    row.weights[largest] = (f64::from(row.weights[largest]) + 1.0 - sum) as f32;
-    Ok(row)
+    let sum: f64 = weights.iter().map(|&w| f64::from(w)).sum();
+    let largest = (1..ROW).fold(0, |best, n| if weights[n] > weights[best] { n } else { best });
+    weights[largest] = (f64::from(weights[largest]) + 1.0 - sum) as f32;
+    Row { nodes, weights }
 }
 
 /// The refusal of a vertex, with its distance from the nearest tissue.

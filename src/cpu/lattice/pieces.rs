@@ -167,12 +167,14 @@ impl<R: Real> Pieces<R> {
         u: *const Octet<R>,
         v: *const Octet<R>,
     ) {
+        let classes = [1, 2, 3].map(|diagonal| SpringClass::new(diagonal, laws.h));
         for piece in some {
             let nodes = &self.pieces[piece].nodes;
             // SAFETY: as the caller promises.
             let read = |field: *const Octet<R>| nodes.map(|slot| unsafe { vector(field, slot) });
             let still = [[R::default(); 3]; 8];
-            let given = self.pieces[piece].give(laws, &read(u), &if laws.damped { read(v) } else { still });
+            let given =
+                self.pieces[piece].give(laws, &classes, &read(u), &if laws.damped { read(v) } else { still });
             // SAFETY: as the caller promises.
             unsafe { *self.given[piece].get() = given };
         }
@@ -190,11 +192,16 @@ impl<R: Real> Pieces<R> {
 }
 
 impl<R: Real> Piece<R> {
-    fn give(&self, laws: &LawTables<R>, u: &[[R; 3]; 8], v: &[[R; 3]; 8]) -> Given<R> {
+    fn give(
+        &self,
+        laws: &LawTables<R>,
+        classes: &[SpringClass<R>; 3],
+        u: &[[R; 3]; 8],
+        v: &[[R; 3]; 8],
+    ) -> Given<R> {
         let material = usize::from(self.material);
         let (stiffness, damper) =
             (laws.spring[material].mul(self.volume), laws.damper[material].mul(self.volume));
-        let classes: [SpringClass<R>; 3] = [1, 2, 3].map(|diagonal| SpringClass::new(diagonal, laws.h));
         let (h, h2) = (R::splat(laws.h), R::splat(2.0 * laws.h));
         let mut given = Given::default();
         for a in 0..8_usize {

@@ -527,6 +527,7 @@ mod tests {
     fn a_list_serves_until_a_tool_or_the_tissue_has_used_up_its_room() {
         let tool = |from: f64, to: f64, turn: f64| ToolStep {
             grasped: Arc::new([]),
+            held: Arc::new([]),
             desc: Arc::new(ToolDesc::sphere(0.01)),
             path: ToolPath {
                 from: Pose::translation(from, 0.0, 0.0),

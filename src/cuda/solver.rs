@@ -482,6 +482,11 @@ impl Solver for CudaSolver {
         self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.v[number(slot as usize, axis)])))
     }
 
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.model.lattice().slot_count() as u32).map(|slot| self.displacement(slot)));
+    }
+
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
         all.extend((0..self.model.lattice().slot_count() as u32).map(|slot| self.velocity(slot)));

@@ -24,6 +24,7 @@ use walls::Walls;
 
 mod arrange;
 mod divide;
+mod drawn;
 mod glue;
 pub mod grid;
 mod groups;
@@ -32,6 +33,8 @@ mod jitter;
 mod unroll;
 mod walls;
 
+/// Vertices of walls for each copy of a node: a cut through the middle of cells has nine for each cell, and two copies.
+const WALL_VERTICES: usize = 8;
 /// How many ways of breaking ties are tried.
 const ATTEMPTS: u64 = 8;
 
@@ -74,8 +77,15 @@ impl CutSurface {
     }
 }
 
+/// Most vertices and triangles of a surface that cuts make, where there is room for so many copies of nodes: twice its own, for each of its vertices may come to lie on either side of
+/// one, and what walls take besides.
+pub fn room(surface: &Surface, copies: usize) -> [usize; 2] {
+    let vertices = 2 * surface.positions.len() + WALL_VERTICES * copies;
+    [vertices, 2 * surface.triangles.len() + 2 * WALL_VERTICES * copies]
+}
+
 /// How many cells beside the tissue a surface may reach into.
-fn reach(surface: &Surface, lattice: &Lattice) -> usize {
+pub fn reach(surface: &Surface, lattice: &Lattice) -> usize {
     let farthest = surface.positions.iter().zip(&surface.rows).map(|(at, row)| {
         let local = (at - lattice.rest_position(row.nodes[0])) / lattice.cell_m();
         local.iter().map(|x| (x - 1.0).max(-x)).fold(0.0, f64::max)

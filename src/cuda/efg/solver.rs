@@ -340,6 +340,11 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.look(|mirror| vector(&mirror.v, slot))
     }
 
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        self.look(|mirror| all.extend((0..self.body.flags.len() as u32).map(|slot| vector(&mirror.u, slot))));
+    }
+
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
         self.look(|mirror| all.extend((0..self.body.flags.len() as u32).map(|slot| vector(&mirror.v, slot))));

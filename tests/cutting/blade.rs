@@ -91,7 +91,8 @@ fn tissue_tougher_than_the_push_goes_with_the_blade_and_is_not_cut() {
         let rest = sim.nodes(palpate::sim::NodeField::RestPosition);
         let moved = sim.nodes(palpate::sim::NodeField::Displacement);
         let near = |p: &Vec3| (p.x / CELL_M - 9.5).abs() < 0.6 && (p.z / CELL_M - 2.5).abs() < 0.6;
-        let sunk: Vec<f64> = rest.iter().zip(&moved).filter(|(p, _)| near(p)).map(|(_, u)| u.z / CELL_M).collect();
+        let sunk: Vec<f64> =
+            rest.iter().zip(&moved).filter(|(p, _)| near(p)).map(|(_, u)| u.z / CELL_M).collect();
         let mean = sunk.iter().sum::<f64>() / sunk.len() as f64;
         assert!((mean + 0.8).abs() < 0.05, "{mean}");
     }

@@ -59,7 +59,10 @@ fn a_cut_is_seen_as_closed_parts_with_walls_in_the_blades_plane() {
             for v in corners.map(|v| v as usize) {
                 assert!((at[v].z - 1.7 * CELL_M).abs() < 1e-3 * CELL_M, "a wall lies in the cut");
                 assert!(frame.normals[v][2].abs() > 0.999, "and is flat");
-                assert_eq!(frame.previous_positions[v], frame.positions[v], "new vertices were where they are");
+                assert_eq!(
+                    frame.previous_positions[v], frame.positions[v],
+                    "new vertices were where they are"
+                );
             }
             // Texture coordinates are lengths.
             let [a, b] = [corners[0] as usize, corners[1] as usize];
@@ -71,7 +74,11 @@ fn a_cut_is_seen_as_closed_parts_with_walls_in_the_blades_plane() {
         slit(&mut sim, 12.0, -1.0, 1.7);
         sim.set_gravity(-9.81 * Vec3::z()).unwrap();
         sim.reset();
-        assert_eq!(surface.map().unwrap().first_wall, surface.map().unwrap().triangles.len(), "a reset heals");
+        assert_eq!(
+            surface.map().unwrap().first_wall,
+            surface.map().unwrap().triangles.len(),
+            "a reset heals"
+        );
     }
 }
 

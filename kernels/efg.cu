@@ -42,6 +42,7 @@ struct Run {
         double work = 0.0;
         if (w.e.row_count == 0) return work;
         w.for_each_brick([&](uint32_t brick) {
+            if (w.e.row_bricks[brick] == NO_PLACE) return;
             const V3<R> more = w.product_of_rows(of, brick);
             w.put(to, brick, plus(w.get(to, brick), more, R(1)));
             work += double(dot(w.get(of, brick), more));

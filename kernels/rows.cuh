@@ -52,13 +52,25 @@ __device__ __forceinline__ V3<R> product(const Matrix<R>& a, const R v[3]) {
     return {along(0), along(1), along(2)};
 }
 
+// Where a slot's node stands in rows.
+struct RowRange {
+    uint32_t begin, end;
+};
+__device__ __forceinline__ RowRange rows_of(const Efg& e, uint32_t slot) {
+    const uint32_t place = e.row_bricks[slot / BRICK_NODES];
+    if (place == NO_PLACE) return {0, 0};
+    const uint32_t* const starts = e.row_starts + size_t(place) * BRICK_NODES + slot % BRICK_NODES;
+    return {starts[0], starts[1]};
+}
+
 // The force that a slot's node receives from all rows that it stands in, in their order: by stress(gradient, frame, moduli), and by what affine motion leaves of its own.
 template <class R, class Stress>
 __device__ __forceinline__ V3<R> force_of_rows(const Efg& e, uint32_t slot, const void* field, const Moduli<R>* moduli, Stress stress) {
     V3<R> sum{0, 0, 0};
     const V3<R> own = vector_of<R>(field, slot);
+    const RowRange rows = rows_of(e, slot);
 #pragma unroll 1
-    for (uint32_t i = e.row_starts[slot]; i < e.row_starts[slot + 1]; ++i) {
+    for (uint32_t i = rows.begin; i < rows.end; ++i) {
         const RowPlace place = e.row_places[i];
         const RowCell<R>& cell = row_cell<R>(e, place.row);
         const RowEntry<R>& entry = row_entry<R>(e, place.row, place.entry);
@@ -75,8 +87,9 @@ __device__ __forceinline__ V3<R> force_of_rows(const Efg& e, uint32_t slot, cons
 template <class R>
 __device__ __forceinline__ Block<R> block_of_rows(const Efg& e, uint32_t slot, const Moduli<R>* moduli) {
     Block<R> sum{};
+    const RowRange rows = rows_of(e, slot);
 #pragma unroll 1
-    for (uint32_t i = e.row_starts[slot]; i < e.row_starts[slot + 1]; ++i) {
+    for (uint32_t i = rows.begin; i < rows.end; ++i) {
         const RowPlace place = e.row_places[i];
         const RowCell<R>& cell = row_cell<R>(e, place.row);
         const RowEntry<R>& entry = row_entry<R>(e, place.row, place.entry);

@@ -2,6 +2,8 @@
 
 #[path = "cuda/changes.rs"]
 mod changes;
+#[path = "cuda/cutting.rs"]
+mod cutting;
 #[path = "cuda/efg.rs"]
 mod efg;
 #[path = "support/gpu.rs"]

@@ -161,8 +161,8 @@ pub struct Plan {
 }
 
 impl ContactSurface {
-    /// Prepares the contact surface of a model.
-    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+    /// Prepares the contact surface of a model whose nodes have so many slots, those of copies included.
+    pub fn new(model: &Arc<Model>, slots: usize, stream: &Arc<Stream>) -> Result<Self> {
         let (surface, lattice) = (&model.surfaces()[model.contact_surface()], model.lattice());
         let vertices = surface.positions.len();
         let rest: Vec<[f32; 3]> =
@@ -184,7 +184,7 @@ impl ContactSurface {
             .fold(0.0, f64::max);
         let words = vertices.div_ceil(32) + surface.triangles.len().div_ceil(32);
         let rows = MAX_ROW * MAX_SITES;
-        let carrier_at = Buffer::zeros(stream, lattice.slot_count())?;
+        let carrier_at = Buffer::zeros(stream, slots)?;
         carrier_at.fill(NONE)?;
         Ok(Self {
             longest_edge: edges.of_triangles.iter().copied().fold(0.0, f32::max),

@@ -539,10 +539,12 @@ struct Efg {
     // Cells with rows of their own; the places of bricks among those with nodes in rows; and where these nodes' parts of `row_places` begin, and one more. See
     // src/cpu/efg/rows.rs.
     const void* row_cells;       // RowCell
-    const void* row_entries;     // RowEntry: [row_count][ROW]
+    const void* row_entries;     // RowEntry: [rows][ROW]
     const uint32_t* row_bricks;  // [bricks]
     const uint32_t* row_starts;
     const RowPlace* row_places;
     void *row_rotations, *row_frames;
+    // What each node of a row receives.
+    void* row_given;
     Report* report;
 };

@@ -643,6 +643,7 @@ pub struct Efg {
     pub row_places: CUdeviceptr,
     pub row_rotations: CUdeviceptr,
     pub row_frames: CUdeviceptr,
+    pub row_given: CUdeviceptr,
     pub report: CUdeviceptr,
 }
 

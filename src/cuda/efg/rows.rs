@@ -31,6 +31,7 @@ pub struct Rows<R> {
     pub places: Kept<Place>,
     pub rotations: Buffer<R>,
     pub frames: Buffer<R>,
+    pub given: Buffer<[R; 3]>,
 }
 
 impl<R: Number> Rows<R> {
@@ -53,6 +54,7 @@ impl<R: Number> Rows<R> {
             places: Kept::of(stream, Vec::new(), room * 8)?,
             rotations: Buffer::zeros(stream, room * 4)?,
             frames: Buffer::zeros(stream, room * 9)?,
+            given: Buffer::zeros(stream, room * ROW)?,
         };
         all.upload(bricks)?;
         all.turn_back()?;
@@ -139,5 +141,6 @@ impl<R: Number> Rows<R> {
             + self.places.bytes()
             + self.rotations.bytes()
             + self.frames.bytes()
+            + self.given.bytes()
     }
 }

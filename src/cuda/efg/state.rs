@@ -291,6 +291,7 @@ impl<R: Number> State<R> {
             row_places: self.rows.places.at(),
             row_rotations: self.rows.rotations.at(),
             row_frames: self.rows.frames.at(),
+            row_given: self.rows.given.at(),
             report,
         }
     }

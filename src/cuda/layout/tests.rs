@@ -75,7 +75,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             bricks, starts, row_count, cell, step, laws, neighbours, flags, cells, shown, mass,
             heavy, inverse, rotations, frames, u, v, x, b, r, z, p, w, s, ax, touched, shares, press,
             meetings, arrived, partials, seen, is_settled, near_tools, started, row_cells,
-            row_entries, row_bricks, row_starts, row_places, row_rotations, row_frames, report
+            row_entries, row_bricks, row_starts, row_places, row_rotations, row_frames, row_given, report
         }
         Birth { slot, from }
         Reworded { slot, word }

@@ -375,7 +375,6 @@ struct Surface {
     const float* rest;           // [3 * vertices]
     const uint32_t* row_nodes;   // [8 * vertices]
     const float* row_weights;    // [8 * vertices]
-    const uint32_t* cells;       // [8 * vertices]; ~0 where there is none
     const uint32_t* triangles;   // [3 * triangles]
     const uint32_t* triangle_starts;
     const uint32_t* triangle_of;

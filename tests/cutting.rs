@@ -11,6 +11,11 @@ use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{NodeField, Precision, Sim, SimDesc};
 use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 
+#[path = "cutting/blade.rs"]
+mod blade;
+#[path = "cutting/surface.rs"]
+mod surface;
+
 const CELL_M: f64 = 2e-3;
 const DENSITY_KG_M3: f64 = 1000.0;
 /// What rounding and the floors of the volume of tiny pieces leave of a mass or a volume.

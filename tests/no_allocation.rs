@@ -74,7 +74,7 @@ fn scene_of(method: Method, precision: Precision, threads: usize, damping_s: f64
     sim.add_load(&Load::Pressure { region, pressure_pa: 2.0 }).unwrap();
     let ball = Shape::Sphere { radius_m: 6e-3 };
     let parts = vec![(Pose::identity(), ball), (Pose::translation(5e-3, 0.0, 0.0), ball)];
-    let [plain, rough] = [0.0, 0.4].map(|friction| ToolDesc { parts: parts.clone(), friction });
+    let [plain, rough] = [0.0, 0.4].map(|friction| ToolDesc { parts: parts.clone(), friction, blade: None });
     // One of them is held by a haptic device.
     let device = DeviceDesc::touch();
     let options = ServoOptions { coupling: Coupling::Direct, ..ServoOptions::of(&device) };

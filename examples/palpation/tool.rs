@@ -56,7 +56,7 @@ impl Tool {
         };
         let rear_m = SHAFT_M + if options.tool == ToolKind::Capsule { radius_m } else { 0.3 * radius_m };
 
-        Self { desc: ToolDesc { parts, friction: options.friction }, reach_m, rear_m, name }
+        Self { desc: ToolDesc { parts, friction: options.friction, blade: None }, reach_m, rear_m, name }
     }
 
     /// The pose that presses along the unit vector `direction` with the foremost point at `tip_m`.

@@ -10,7 +10,7 @@
 //! | `boundary` | panics stop here; descs and arrays are copied in, values are copied out |
 //! | `handle`, `aside` | opaque pointers that survive misuse, and what a busy one said last |
 //! | `convert` | between the structs of the header and the types of the crate |
-//! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`statistics`], [`tool`], [`surface`] | the functions of one noun |
+//! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`drive`], [`change`], [`cut`], [`statistics`], [`tool`], [`surface`] | the functions of one noun |
 
 // The header's names, which are C's.
 #![allow(non_camel_case_types)]
@@ -22,6 +22,7 @@ mod aside;
 mod boundary;
 pub mod change;
 mod convert;
+pub mod cut;
 pub mod device;
 pub mod drive;
 mod handle;

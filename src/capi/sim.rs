@@ -470,7 +470,7 @@ pub unsafe extern "C" fn plp_sim_get_contacts(
 ///
 /// # Safety
 /// `out` is NULL or has room for `capacity` elements, `count` is NULL or has room for a number.
-unsafe fn write_list<T: Copy>(
+pub(super) unsafe fn write_list<T: Copy>(
     list: &[T],
     out: *mut T,
     capacity: u64,
@@ -527,7 +527,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         rest_under_gravity: desc.flags & PLP_SIM_REST_UNDER_GRAVITY != 0,
         drag_per_s: desc.drag_per_s,
         sleeping: desc.flags & PLP_SIM_SLEEPING != 0,
-        cut_nodes: 0,
+        cut_nodes: usize::try_from(desc.cut_nodes).unwrap_or(usize::MAX),
     })
 }
 

@@ -144,5 +144,6 @@ fn view_of(frame: &SurfaceFrame<'_>) -> plp_surface_view {
         triangle_count: frame.triangles.len() as u64,
         topology_version: frame.topology_version,
         time_s: frame.time_s,
+        first_wall_triangle: frame.first_wall as u64,
     }
 }

@@ -7,6 +7,7 @@ use super::boundary::{
     boundary, check_out, check_output, init_desc, read_desc, read_list, rt_boundary, write_output,
 };
 use super::convert::{check_bits, haptic, motion_out, pose, try_motion};
+use super::cut::points;
 use super::handle::{self, Handle};
 use super::sim::{Link, with_sim};
 use super::status::{
@@ -16,6 +17,7 @@ use super::types::*;
 use crate::math::{Pose, Vec3};
 use crate::servo::DeviceState;
 use crate::sim::{Exchange, ToolPort};
+use crate::solver::blade::Blade;
 use crate::solver::tool::{MAX_PARTS, Shape, ToolDesc, ToolMotion, Wrench};
 
 /// What a `plp_tool` stands for.
@@ -326,10 +328,11 @@ pub unsafe extern "C" fn plp_haptic_desc_init(desc: *mut plp_haptic_desc, desc_s
 }
 
 /// # Safety
-/// `parts` is NULL or leads to `part_count` parts.
+/// `parts` is NULL or leads to `part_count` parts, `blade` to a blade as [`blade_of`] wants it.
 unsafe fn desc_of(desc: &plp_tool_desc) -> Result<ToolDesc, Fault> {
     let count = desc.part_count as usize;
-    if !(1..=MAX_PARTS).contains(&count) {
+    let least = usize::from(desc.blade.is_null());
+    if !(least..=MAX_PARTS).contains(&count) {
         return Err(Fault::argument(format!("a tool has 1 to {MAX_PARTS} parts, not {count}")));
     }
     // SAFETY: promised by the caller.
@@ -349,9 +352,21 @@ unsafe fn desc_of(desc: &plp_tool_desc) -> Result<ToolDesc, Fault> {
         };
         Ok((pose(&part.pose, &what)?, shape))
     });
-    let desc = ToolDesc { parts: parts.collect::<Result<_, Fault>>()?, friction: desc.friction };
+    // SAFETY: promised by the caller.
+    let blade =
+        (!desc.blade.is_null()).then(|| unsafe { blade_of(&desc.blade.read_unaligned()) }).transpose()?;
+    let desc = ToolDesc { parts: parts.collect::<Result<_, Fault>>()?, friction: desc.friction, blade };
     desc.check()?;
     Ok(desc)
+}
+
+/// # Safety
+/// `edge_m` is NULL or leads to three numbers for each point.
+unsafe fn blade_of(blade: &plp_blade) -> Result<Blade, Fault> {
+    check_bits(blade.reserved, 0, "blade.reserved")?;
+    // SAFETY: promised by the caller.
+    let edge = unsafe { points(blade.edge_m, blade.point_count, "blade.edge_m") }?;
+    Ok(Blade { edge, toughness_j_m2: blade.toughness_j_m2 })
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ pub mod contact;
 pub mod denormal;
 pub mod efg;
 mod grasp;
+mod hold;
 pub(crate) mod lanes;
 pub mod lattice;
 pub mod nodes;

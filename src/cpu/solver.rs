@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use super::contact::{ContactNodes, ContactSurface};
 use super::grasp::carry;
+use super::hold::{HeldNodes, hold};
 use super::lattice::pieces::Pieces;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
 use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
@@ -22,6 +23,7 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::{CellLaw, most_damping};
+use crate::model::surface::Surface;
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -33,6 +35,7 @@ const LONGEST_CLAIM: usize = 4;
 #[derive(Debug)]
 pub struct CpuSolver<R: CpuReal> {
     core: Core<R>,
+    surfaces: Vec<Arc<Surface>>,
     scratches: Vec<Box<Scratch<R>>>,
     workers: Workers,
 }
@@ -114,7 +117,7 @@ impl<R: CpuReal> CpuSolver<R> {
         core.sleep.set_thresholds(Thresholds::new(lattice.cell_m(), omega, R::EPSILON));
         let workers = Workers::new(threads)?;
         let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
-        Ok(Self { core, scratches, workers })
+        Ok(Self { core, surfaces: model.surfaces().to_vec(), scratches, workers })
     }
 }
 
@@ -169,7 +172,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
         surface::publish(
             &self.core.bricks.model,
-            index,
+            &self.surfaces[index],
             &self.core.nodes.u,
             field,
             arrays,
@@ -184,6 +187,11 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
 
     fn velocity(&self, slot: u32) -> Vec3 {
         self.core.nodes.v.vec3(slot)
+    }
+
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.core.flags.len() as u32).map(|slot| self.core.nodes.u.vec3(slot)));
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
@@ -256,7 +264,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
         let core = &mut self.core;
         core.bricks.divide(topology, change);
         for birth in &change.births {
@@ -266,7 +274,8 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             }
         }
         core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
-        core.contact.lose_track();
+        core.contact.renew(surfaces[core.bricks.model.contact_surface()].clone());
+        self.surfaces = surfaces.to_vec();
         Ok(())
     }
 
@@ -275,6 +284,8 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.bricks.heal();
         core.pieces = Pieces::default();
         core.flags[core.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
+        self.surfaces = core.bricks.model.surfaces().to_vec();
+        core.contact.renew(self.surfaces[core.bricks.model.contact_surface()].clone());
         Ok(())
     }
 
@@ -417,6 +428,17 @@ impl<R: CpuReal> Core<R> {
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let (marks, bricks) = (&self.marks, &self.bricks);
+        for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
+            let mut nodes = HeldNodes {
+                u: &mut *u_next,
+                v: v_next.as_mut().unwrap_or(&mut *v),
+                flags: &self.flags,
+                bricks,
+                corner_kg: &self.corner_kg,
+                dt: plan.dt,
+            };
+            furthest += hold(tool, span[1], duration, &mut nodes, sum);
+        }
         let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();
         let mut nodes = ContactNodes {
             u_before: u,
@@ -522,7 +544,8 @@ impl<R: CpuReal> Core<R> {
         let model = bricks.model.clone();
         let driven = plan.regions.iter().flat_map(|region| model.regions()[&region.label].iter().copied());
         let grasped = plan.tools.iter().flat_map(|tool| tool.grasped.iter().map(|(slot, _)| *slot));
-        let acted_on = loaded.chain(driven).chain(grasped).map(brick_of);
+        let held = plan.tools.iter().flat_map(|tool| tool.held.iter().flat_map(|held| held.nodes));
+        let acted_on = loaded.chain(driven).chain(grasped).chain(held).map(brick_of);
         // Pieces reach over to bricks that are no neighbours: where there are any, tissue stays awake.
         let touched = contact.touched_bricks().iter().chain(pieces.bricks()).copied().chain(acted_on);
         sleep.update(bricks, marks, touched, |brick| {

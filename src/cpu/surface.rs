@@ -4,20 +4,19 @@ use super::lanes::Real;
 use super::nodes::Field;
 use super::workers::Workers;
 use crate::math::Vec3;
-use crate::model::surface::ROW;
+use crate::model::surface::{ROW, Surface};
 use crate::model::{Model, energy};
 use crate::solver::{SurfaceArrays, SurfaceField};
 
 /// Fills a surface's arrays, world frame, from the displacements of the nodes. Threads share the vertices.
 pub fn publish<R: Real>(
     model: &Model,
-    index: usize,
+    surface: &Surface,
     u: &Field<R>,
     field: SurfaceField,
     arrays: &mut SurfaceArrays,
     workers: &mut Workers,
 ) {
-    let surface = &model.surfaces()[index];
     let frame = model.frame();
     let count = surface.positions.len();
     let positions = Chunks(arrays.positions.as_mut_ptr());
@@ -36,7 +35,7 @@ pub fn publish<R: Real>(
             let p = frame.transform_point(&(surface.positions[v] + moved).into());
             let scalar = match field {
                 SurfaceField::Displacement => moved.norm(),
-                SurfaceField::Strain => strain_at(model, row.nodes[0], u),
+                SurfaceField::Strain => strain_at(model.lattice().cell_m(), &row.nodes, u),
             };
             // SAFETY: vertex ranges of the members are disjoint, and inside the arrays as asserted.
             unsafe {
@@ -61,15 +60,9 @@ struct Chunks<T>(*mut T);
 // SAFETY: see its uses.
 unsafe impl<T> Sync for Chunks<T> {}
 
-/// Largest principal strain magnitude of the mean Green strain of the cell that starts at a slot, or of one beside it.
-fn strain_at<R: Real>(model: &Model, slot: u32, u: &Field<R>) -> f64 {
-    let lattice = model.lattice();
-    let node = lattice.node_of(slot);
-    // The first node of a row is the lowest corner of its cell.
-    if lattice.cell_material(node) == 0 {
-        return 0.0;
-    }
-    let g = energy::gradient(lattice.cell_m(), &lattice.corners(node).map(|corner| u.vec3(corner)));
+/// Largest principal strain magnitude of the mean Green strain of a cell, or of a piece of one, with these nodes.
+fn strain_at<R: Real>(cell_m: f64, nodes: &[u32; ROW], u: &Field<R>) -> f64 {
+    let g = energy::gradient(cell_m, &nodes.map(|slot| u.vec3(slot)));
     let g = crate::math::Mat3::from_fn(|r, c| g[r][c]);
     let green = 0.5 * (g + g.transpose() + g.transpose() * g);
     green.symmetric_eigenvalues().amax()

@@ -79,6 +79,9 @@ impl Cutter {
             row_rotations: fields.row_rotations,
         };
         let blocks = (cut.births + cut.words + cut.turns).div_ceil(THREADS);
+        if blocks == 0 {
+            return Ok(());
+        }
         let device = &self.stream.device;
         {
             let _entered = device.enter()?;

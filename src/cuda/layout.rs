@@ -523,7 +523,6 @@ pub struct Surface {
     pub rest: CUdeviceptr,
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,
-    pub cells: CUdeviceptr,
     pub triangles: CUdeviceptr,
     pub triangle_starts: CUdeviceptr,
     pub triangle_of: CUdeviceptr,

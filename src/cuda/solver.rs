@@ -19,7 +19,7 @@ use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
 use super::state::State;
-use super::surface::SurfaceOnDevice;
+use super::surface::Surfaces;
 use super::told::Told;
 use crate::cpu::stability;
 use crate::cut::topology::{Change, Topology};
@@ -28,6 +28,7 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::{CellLaw, most_damping};
+use crate::model::surface::Surface;
 use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
@@ -60,8 +61,7 @@ pub struct CudaSolver {
     outside: Outside,
     near: NearTools,
     sleep: Sleep,
-    /// Surfaces that were shown.
-    surfaces: Vec<Option<SurfaceOnDevice>>,
+    surfaces: Surfaces,
     /// Recorded steps by how many substeps they have, the copy of `u` that they start from, and what they do.
     graphs: HashMap<(u32, usize, Plans), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
@@ -117,11 +117,11 @@ impl CudaSolver {
             state: State::new(&body, &stream)?,
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
-            contact: ContactSurface::new(model, body.slot_count(), &stream)?,
+            contact: ContactSurface::new(model, copies, &stream)?,
             outside: Outside::new(model, &stream)?,
             near: NearTools::new(body.bricks.count(), &stream)?,
             sleep: Sleep::new(&body, &stream)?,
-            surfaces: model.surfaces().iter().map(|_| None).collect(),
+            surfaces: Surfaces::new(model, copies),
             graphs: HashMap::new(),
             speed: 0.0,
             vis_viva: 0.0,
@@ -365,17 +365,18 @@ impl CudaSolver {
 
     /// Moves a surface on the device and fetches its arrays.
     fn fill(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        if self.surfaces[index].is_none() {
-            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
-        }
-        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(
-            &self.kernels.surfaces,
-            &self.stream,
-            &self.pass(self.state.current, 1, false),
-            field,
-            arrays,
-        )
+        let pass = self.pass(self.state.current, 1, false);
+        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
+    }
+
+    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+        // Recorded steps name the surface, and are done.
+        self.graphs.clear();
+        let model = self.model.clone();
+        self.surfaces.renew(surfaces)?;
+        let rest = |slot| model.lattice().rest_position(origin(slot));
+        self.contact.renew(&surfaces[model.contact_surface()], rest)
     }
 
     /// Materials or what is held have changed: what was made of them before is made anew.
@@ -521,6 +522,11 @@ impl Solver for CudaSolver {
         self.look_at_velocities(|v| Vec3::from_fn(|axis, _| f64::from(v[number(slot as usize, axis)])))
     }
 
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.body.slot_count() as u32).map(|slot| self.displacement(slot)));
+    }
+
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
         all.extend((0..self.body.slot_count() as u32).map(|slot| self.velocity(slot)));
@@ -603,16 +609,19 @@ impl Solver for CudaSolver {
         self.change(stable_dt)
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
         self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
         // What was made of nodes before is made anew with the flags that follow.
-        self.sleep.set_bricks(self.state.bricks)
+        self.sleep.set_bricks(self.state.bricks)?;
+        self.show(surfaces, |slot| topology.origin(slot))
     }
 
     fn heal(&mut self) -> Result<()> {
         self.state.heal(&mut self.body)?;
         self.outside.forget_masses();
-        self.sleep.set_bricks(self.state.bricks)
+        self.sleep.set_bricks(self.state.bricks)?;
+        let model = self.model.clone();
+        self.show(model.surfaces(), |slot| slot)
     }
 
     fn reset(&mut self) {

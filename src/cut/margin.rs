@@ -9,6 +9,7 @@ use crate::model::lattice::Lattice;
 #[derive(Clone, Debug)]
 pub struct Margin {
     edges: Vec<(GridEdge, [u32; 2])>,
+    reach: usize,
 }
 
 impl Margin {
@@ -38,7 +39,13 @@ impl Margin {
             high[edge.1] += 1;
             Some((edge, [*nearest.get(&edge.0)?, *nearest.get(&high)?]))
         };
-        Self { edges: edges.into_iter().filter(|&edge| !is_tissue(lattice, edge)).filter_map(ends).collect() }
+        let edges = edges.into_iter().filter(|&edge| !is_tissue(lattice, edge)).filter_map(ends).collect();
+        Self { edges, reach }
+    }
+
+    /// How many edges away from the tissue they are at most.
+    pub fn reach(&self) -> usize {
+        self.reach
     }
 
     /// The edges, ascending, and the slots of the nodes that carry their ends.

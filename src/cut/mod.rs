@@ -4,6 +4,8 @@
 #![doc = include_str!("../../docs/cutting.md")]
 
 pub mod cell;
+pub mod extents;
+pub mod inside;
 pub mod margin;
 pub mod surface;
 pub mod sweep;

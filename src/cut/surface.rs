@@ -24,6 +24,7 @@ use walls::Walls;
 
 mod arrange;
 mod divide;
+mod drawn;
 mod glue;
 pub mod grid;
 mod groups;
@@ -32,6 +33,8 @@ mod jitter;
 mod unroll;
 mod walls;
 
+/// Vertices of walls for each copy of a node: a cut through the middle of cells has nine for each cell, and two copies.
+const WALL_VERTICES: usize = 8;
 /// How many ways of breaking ties are tried.
 const ATTEMPTS: u64 = 8;
 
@@ -40,10 +43,10 @@ const ATTEMPTS: u64 = 8;
 pub struct CutSurface {
     /// Rest positions `[vertex_count]`, model frame, metres: those of the original, and then the new ones.
     pub positions: Vec<Vec3>,
-    /// Vertex indices `[triangle_count]`, counter-clockwise seen from outside. A triangle that no wall meets keeps its number; a part of each other one has the number of what it is a part of.
+    /// Vertex indices of the outer surface's triangles, counter-clockwise seen from outside. A triangle that no wall meets keeps its number; a part of each other one has the number of what it is a part of.
     pub triangles: Vec<[u32; 3]>,
-    /// The first of the triangles that are walls: all after it are.
-    pub first_wall: usize,
+    /// Vertex indices of the walls' triangles, counter-clockwise seen from the cut.
+    pub walls: Vec<[u32; 3]>,
     /// Texture coordinates of the outer surface `[vertex_count]`: between those of the original; 0 where only walls are.
     pub uvs: Vec<[f32; 2]>,
     /// Texture coordinates of walls `[vertex_count]`, in cells: lengths in the plane that a connected wall lies closest to. 0 where there is no wall.
@@ -74,8 +77,15 @@ impl CutSurface {
     }
 }
 
+/// Most vertices and triangles of a surface that cuts make, where there is room for so many copies of nodes: twice its own, for each of its vertices may come to lie on either side of
+/// one, and what walls take besides.
+pub fn room(surface: &Surface, copies: usize) -> [usize; 2] {
+    let vertices = 2 * surface.positions.len() + WALL_VERTICES * copies;
+    [vertices, 2 * surface.triangles.len() + 2 * WALL_VERTICES * copies]
+}
+
 /// How many cells beside the tissue a surface may reach into.
-fn reach(surface: &Surface, lattice: &Lattice) -> usize {
+pub fn reach(surface: &Surface, lattice: &Lattice) -> usize {
     let farthest = surface.positions.iter().zip(&surface.rows).map(|(at, row)| {
         let local = (at - lattice.rest_position(row.nodes[0])) / lattice.cell_m();
         local.iter().map(|x| (x - 1.0).max(-x)).fold(0.0, f64::max)
@@ -100,7 +110,7 @@ fn cut(
     let mut cut = CutSurface {
         positions: surface.positions.clone(),
         triangles: surface.triangles.clone(),
-        first_wall: 0,
+        walls: Vec::new(),
         uvs: surface.uvs.clone(),
         wall_uvs: Vec::new(),
         materials: surface.materials.clone(),
@@ -149,10 +159,9 @@ fn cut(
             cut.triangles.push(*corners);
         }
     }
-    cut.first_wall = cut.triangles.len();
-    cut.triangles
-        .extend(faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners));
-    cut.wall_uvs = unroll::wall_uvs(&cut.positions, &cut.triangles[cut.first_wall..], lattice.cell_m());
+    cut.walls =
+        faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners).collect();
+    cut.wall_uvs = unroll::wall_uvs(&cut.positions, &cut.walls, lattice.cell_m());
     Ok(cut)
 }
 

@@ -4,11 +4,12 @@
 //! no point of the blade has to be taken back to the tissue's rest. Nodes and the blade's points move straight from the start to the end of a sweep, and an edge is crossed where and when
 //! it meets the blade on that way: where one sweep ends the next begins, and tissue that moves against a blade at rest is cut as well.
 
+use super::extents::Extents;
 use super::margin::Margin;
 use super::surface::grid::{GridEdge, GridNode};
 use super::topology::LatticeEdge;
 use crate::math::Vec3;
-use crate::model::lattice::Lattice;
+use crate::model::lattice::{BRICK_SLOTS, Lattice};
 
 /// How far beyond the end of a segment, as a share of its length, a meeting still counts: segments of a blade that share a point leave no gap.
 const GAP: f64 = 1e-9;
@@ -38,13 +39,15 @@ impl Sweep {
         &self,
         lattice: &Lattice,
         nodes: &impl Moving,
+        extents: &Extents,
         is_there: impl Fn(LatticeEdge) -> bool,
     ) -> Vec<(LatticeEdge, f64)> {
         let beside = BESIDE * lattice.cell_m();
         let way = |slot: u32| Way { from: nodes.from(slot) - beside, to: nodes.to(slot) - beside };
         let Some(bounds) = self.bounds() else { return Vec::new() };
         let mut crossed = Vec::new();
-        for slot in lattice.slots() {
+        let widened = (bounds.0 - Vec3::repeat(lattice.cell_m()), bounds.1 + Vec3::repeat(lattice.cell_m()));
+        for slot in extents.slots_near(lattice, widened) {
             let node = lattice.node_of(slot);
             for axis in 0..3 {
                 let mut beyond = node;
@@ -64,9 +67,17 @@ impl Sweep {
         lattice: &Lattice,
         margin: &Margin,
         nodes: &impl Moving,
+        extents: &Extents,
     ) -> Vec<(GridEdge, f64)> {
         let Some(bounds) = self.bounds() else { return Vec::new() };
+        let reach = (margin.reach() + 2) as f64 * lattice.cell_m();
+        let near: Vec<bool> =
+            (0..lattice.bricks().len()).map(|brick| extents.is_near(brick, bounds, reach)).collect();
+        let is_near = |slot: u32| near[slot as usize / BRICK_SLOTS];
         let passed = |&(edge, tissue): &(GridEdge, [u32; 2])| {
+            if !tissue.into_iter().any(is_near) {
+                return None;
+            }
             let high = std::array::from_fn(|axis| edge.0[axis] + i32::from(axis == edge.1));
             let end = |node: GridNode, slot: u32| {
                 let place = Vec3::from(node.map(f64::from)) - BESIDE;
@@ -87,7 +98,7 @@ impl Sweep {
     }
 
     /// Lowest and highest coordinates of the blade's edge.
-    fn bounds(&self) -> Option<(Vec3, Vec3)> {
+    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
         bounds(self.from.iter().chain(&self.to))
     }
 
@@ -221,8 +232,10 @@ mod tests {
             from: vec![point(-9.0, -9.0) + start, point(9.0, -9.0) + start],
             to: vec![point(-9.0, 9.0) + end, point(9.0, 9.0) + end],
         };
+        let nodes = Displaced(&lattice, [start, end]);
+        let extents = Extents::new(&lattice, &nodes);
         let crossed: BTreeMap<GridEdge, f64> =
-            sweep.crossed_beyond(&lattice, &margin, &Displaced(&lattice, [start, end])).into_iter().collect();
+            sweep.crossed_beyond(&lattice, &margin, &nodes, &extents).into_iter().collect();
         let mut expected = 0;
         for &((low, axis), _) in margin.edges() {
             let [x, z] = [low[0], low[2]].map(f64::from);

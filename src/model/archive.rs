@@ -11,6 +11,7 @@
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
+use std::sync::Arc;
 
 use nalgebra as na;
 use serde::{Deserialize, Serialize};
@@ -169,7 +170,7 @@ impl Contents {
             cell_materials,
             flags: lattice.slots().map(|slot| lattice.flags()[slot as usize]).collect(),
             regions: model.regions().clone(),
-            surfaces: model.surfaces().iter().map(Skin::of).collect(),
+            surfaces: model.surfaces().iter().map(|surface| Skin::of(surface)).collect(),
             contact_surface: model.contact_surface() as u64,
             frame: [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w],
         }
@@ -197,7 +198,7 @@ impl Contents {
         let surfaces = self
             .surfaces
             .into_iter()
-            .map(|skin| skin.surface(&lattice, count))
+            .map(|skin| skin.surface(&lattice, count).map(Arc::new))
             .collect::<Result<Vec<_>>>()?;
         let contact_surface = usize::try_from(self.contact_surface).ok().filter(|&n| n < surfaces.len());
         let contact_surface =

@@ -1,6 +1,7 @@
 //! From anatomy to a model: what each label becomes, how large a cell is, what is held, which surfaces are drawn.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use super::fix::Fix;
 use super::grid::{LabelGrid, ResampleRule};
@@ -66,7 +67,7 @@ pub struct Model {
     pub(crate) materials: Vec<Material>,
     pub(crate) laws: [CellLaw; 16],
     pub(crate) regions: BTreeMap<u16, Vec<u32>>,
-    pub(crate) surfaces: Vec<Surface>,
+    pub(crate) surfaces: Vec<Arc<Surface>>,
     pub(crate) contact_surface: usize,
     pub(crate) frame: Pose,
 }
@@ -99,7 +100,7 @@ impl Model {
     }
 
     /// Render surfaces in the order of [`Build::surfaces`]; one more follows when contact needed a surface of its own.
-    pub fn surfaces(&self) -> &[Surface] {
+    pub fn surfaces(&self) -> &[Arc<Surface>] {
         &self.surfaces
     }
 
@@ -158,7 +159,7 @@ impl Build {
         let count = self.surfaces.len() as f32;
         for (index, source) in self.surfaces.iter().enumerate() {
             stage(0.6 + 0.3 * index as f32 / count, "bind surfaces")?;
-            surfaces.push(self.surface(source, &grid, &lattice, &frame)?);
+            surfaces.push(Arc::new(self.surface(source, &grid, &lattice, &frame)?));
         }
         let contact_surface = match self.contact_surface {
             Some(index) if index < surfaces.len() => index,
@@ -170,7 +171,8 @@ impl Build {
             }
             None => {
                 stage(0.9, "extract the contact surface")?;
-                surfaces.push(self.surface(&SurfaceSource::Labels(Vec::new()), &grid, &lattice, &frame)?);
+                let all = SurfaceSource::Labels(Vec::new());
+                surfaces.push(Arc::new(self.surface(&all, &grid, &lattice, &frame)?));
                 surfaces.len() - 1
             }
         };

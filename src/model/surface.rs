@@ -31,6 +31,8 @@ pub struct Surface {
     /// Vertex indices `[triangle_count]`, counter-clockwise seen from outside. A host's mesh keeps all its
     /// triangles, those without area too.
     pub triangles: Vec<[u32; 3]>,
+    /// The first of the triangles that cuts have laid open, all after it being so too; their number where nothing is cut. Their vertices are theirs alone.
+    pub first_wall: usize,
     /// Texture coordinates `[vertex_count]`.
     pub uvs: Vec<[f32; 2]>,
     /// Material index of the tissue under each vertex `[vertex_count]`, 1 to 15.
@@ -93,7 +95,7 @@ impl Surface {
     }
 
     /// A sound mesh with the rows and materials of its vertices.
-    pub(super) fn bound(mesh: TriangleMesh, rows: Vec<Row>, materials: Vec<u8>) -> Result<Self> {
+    pub(crate) fn bound(mesh: TriangleMesh, rows: Vec<Row>, materials: Vec<u8>) -> Result<Self> {
         let count = mesh.positions.len();
         if rows.len() != count || materials.len() != count {
             return Err(Error::argument(format!(
@@ -108,7 +110,8 @@ impl Surface {
         if uvs.is_empty() {
             uvs = mirrored_cylinder(&positions);
         }
-        Ok(Self { positions, triangles, uvs, materials, rows, triangle_starts, triangle_of })
+        let first_wall = triangles.len();
+        Ok(Self { positions, triangles, first_wall, uvs, materials, rows, triangle_starts, triangle_of })
     }
 
     /// How long triangles are at rest: what contact goes by.

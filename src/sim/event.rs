@@ -35,6 +35,13 @@ pub enum Event {
         /// Its tool.
         tool: ToolId,
     },
+    /// A cut was refused: there is no room for what it takes, or a surface that it meets is not closed. Told once, until one succeeds.
+    CutRefused {
+        /// Simulated time, in seconds.
+        time_s: f64,
+        /// The blade.
+        tool: ToolId,
+    },
     /// The buttons of a device have changed: one event for each change, also of clicks that are over before the step that tells them.
     Buttons {
         /// Simulated time, in seconds.

@@ -9,6 +9,7 @@
 //! each other without a pause, because the lock is handed over fairly; the thread in turn waits for the command's own work. Servo threads take no lock.
 
 mod backend;
+mod blade;
 mod body;
 mod carried;
 mod cut;
@@ -269,7 +270,8 @@ impl Sim {
 
     /// Opens a port on surface `index` of the model.
     pub fn open_surface(&mut self, index: usize) -> Result<SurfacePort> {
-        SurfacePort::new(self.model.clone(), self.state.clone(), index)
+        let copies = self.with(|state| state.desc.cut_nodes);
+        SurfacePort::new(self.model.surfaces(), copies, self.state.clone(), index)
     }
 
     /// Advances by one step of [`SimDesc::step_s`].

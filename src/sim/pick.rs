@@ -22,7 +22,7 @@ pub struct Pick {
 impl State {
     /// The nearest triangle, from either side, along a unit direction. World frame.
     pub(super) fn pick(&self, origin: Vec3, direction: Vec3) -> Option<Pick> {
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        let surface = &self.surfaces[self.model.contact_surface()];
         let frame = self.model.frame();
         let vertices: Vec<Vec3> = surface
             .positions

@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::body::Body;
 use super::carried::{Carried, Mobility, is_held};
-use super::cut::Cuts;
+use super::cut::{Cuts, flags_of, no_room, node_kg};
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -21,9 +21,11 @@ use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
+use crate::model::surface::Surface;
 use crate::model::{Model, efg, energy};
 use crate::servo::device::DeviceDesc;
 use crate::servo::{Servo, ServoOptions};
+use crate::solver::blade::Held;
 use crate::solver::load::NodalLoads;
 use crate::solver::method::Method;
 use crate::solver::statistics::{Energy, Statistics};
@@ -50,7 +52,7 @@ pub(super) struct State {
     pub solver: Box<dyn Solver>,
     pub(super) desc: SimDesc,
     rest_gravity: Vec3,
-    tools: Vec<ToolEnd>,
+    pub(super) tools: Vec<ToolEnd>,
     load_ids: Vec<LoadId>,
     loads: Vec<NodalLoads>,
     /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
@@ -67,15 +69,20 @@ pub(super) struct State {
     /// Whether a panic ended the simulation's own thread, and left who knows what.
     is_broken: bool,
     /// Tools of the last plan, and their indices in `tools`.
-    steps: Vec<ToolStep>,
-    planned: Vec<usize>,
+    pub(super) steps: Vec<ToolStep>,
+    pub(super) planned: Vec<usize>,
+    nothing_held: Arc<[Held]>,
     sums: Vec<ToolSum>,
     /// Contacts of the tool at hand, world frame.
     touched: Vec<Contact>,
     carried: Carried,
-    events: Events,
+    pub(super) events: Events,
     moved_regions: Vec<RegionStep>,
     pub(super) cuts: Option<Cuts>,
+    /// The model's surfaces, as cuts have left them.
+    pub(super) surfaces: Vec<Arc<Surface>>,
+    /// Counts what cuts and resets have made of them.
+    pub(super) surface_version: u64,
 }
 
 impl State {
@@ -107,12 +114,15 @@ impl State {
             is_broken: false,
             steps: Vec::with_capacity(MAX_TOOLS),
             planned: Vec::with_capacity(MAX_TOOLS),
+            nothing_held: Arc::new([]),
             moved_regions: Vec::with_capacity(model.regions().len()),
             sums: Vec::with_capacity(MAX_TOOLS),
             touched: Vec::with_capacity(MAX_TOUCHED),
             carried: Carried::default(),
             events,
             cuts: None,
+            surfaces: model.surfaces().to_vec(),
+            surface_version: 0,
             model,
         };
         let needed = state.substeps_needed();
@@ -140,6 +150,9 @@ impl State {
             Ok((Servo::new(device, options)?, Haptics::new(device, options, cell_m)))
         });
         let device = device.transpose()?;
+        if desc.blade.is_some() && self.desc.cut_nodes == 0 {
+            return Err(no_room());
+        }
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
@@ -172,6 +185,7 @@ impl State {
         self.refuse_if_failed()?;
         let (substeps, dt) = self.note_substeps();
         self.take_motions(asked);
+        self.stick_to_blades();
         self.advance(substeps, dt, None)?;
 
         self.statistics.time_s += dt * f64::from(self.report.substeps);
@@ -180,6 +194,7 @@ impl State {
         }
         self.statistics.steps += 1;
         self.publish_forces(dt * f64::from(substeps), false)?;
+        self.cut_with_blades();
         let wall = asked.elapsed().as_secs_f64();
         self.latency.note(wall);
         self.statistics.step_device_s = self.report.device_s;
@@ -233,11 +248,8 @@ impl State {
             // As for a tool that leaves.
             let _ = self.release(index);
         }
-        if self.cuts.take().is_some() {
-            let healed = self.solver.heal();
-            if self.heed(healed).is_err() {
-                return;
-            }
+        if self.heal().is_err() {
+            return;
         }
         self.solver.reset();
         self.diverged_at = None;
@@ -359,6 +371,11 @@ impl State {
         self.solver.set_node(slot, displacement, velocity);
     }
 
+    /// A surface as it is now, and what counts its changes.
+    pub fn surface(&self, index: usize) -> (&Arc<Surface>, u64) {
+        (&self.surfaces[index], self.surface_version)
+    }
+
     /// Fills a surface's arrays; gives the simulated time.
     pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<f64> {
         let _range = trace::range(c"publish");
@@ -450,7 +467,7 @@ impl State {
             let from = tool.stands.unwrap_or(asked).motion.pose;
             if let Some((haptics, hearing)) = &mut tool.device {
                 tool.began.get_or_insert(asked);
-                let (step_s, radius) = (self.desc.step_s, tool.desc.bounding_radius_m());
+                let (step_s, radius) = (self.desc.step_s, tool.desc.reach_m());
                 asked.motion = reached(&from, &haptics.led(&from, &asked.motion, step_s), radius, step_s);
                 if hearing.falls_silent(is_news, now) {
                     self.events.tell(Event::ServoSilent { time_s, tool: id });
@@ -459,7 +476,8 @@ impl State {
             tool.stands = Some(asked);
             let path = ToolPath { from: to_model * from, to: to_model * asked.motion.pose };
             self.planned.push(index);
-            self.steps.push(ToolStep { desc: tool.desc.clone(), path, grasped: tool.grasped.clone() });
+            let (desc, grasped) = (tool.desc.clone(), tool.grasped.clone());
+            self.steps.push(ToolStep { desc, path, grasped, held: self.nothing_held.clone() });
         }
     }
 
@@ -561,12 +579,11 @@ impl State {
             }
             let friction = tool.desc.friction;
             let Body { materials, laws, flags, .. } = &self.body;
-            let (lattice, rows) =
-                (self.model.lattice(), &self.model.surfaces()[self.model.contact_surface()].rows);
+            let (lattice, rows) = (self.model.lattice(), &self.surfaces[self.model.contact_surface()].rows);
             let mobility = |slot: u32, push: &Vec3| {
                 let push = frame.inverse() * push;
-                let held = flags[slot as usize];
-                let kg = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+                let held = flags_of(self.cuts.as_ref(), lattice, flags, slot);
+                let kg = node_kg(self.cuts.as_ref(), lattice, laws, slot);
                 let free = (0..3).filter(|axis| held & (flag::GRASPED | flag::FIX_X << axis) == 0);
                 let square: f64 = free.map(|axis| push[axis] * push[axis]).sum();
                 Mobility { free: square / kg, all: push.norm_squared() / kg }

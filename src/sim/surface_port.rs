@@ -5,16 +5,23 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 
 use super::state::State;
+use crate::cut::surface::room;
 use crate::error::{Error, Result};
-use crate::model::Model;
+use crate::model::surface::Surface;
 use crate::solver::{SurfaceArrays, SurfaceField};
 
 /// One renderer's view of one surface.
 #[derive(Debug)]
 pub struct SurfacePort {
-    model: Arc<Model>,
     state: Arc<Mutex<Option<State>>>,
     index: usize,
+    /// What it showed last.
+    surface: Arc<Surface>,
+    topology_version: u64,
+    /// Vertices of the model's own surface, which keep their numbers.
+    own: usize,
+    /// The first vertices, of which `positions` holds where they were in the last frame.
+    kept: usize,
     field: SurfaceField,
     positions: Vec<Float4>,
     previous: Vec<Float4>,
@@ -46,7 +53,9 @@ pub struct SurfaceFrame<'a> {
     pub materials: &'a [u8],
     /// Vertex indices `[triangle_count]`.
     pub triangles: &'a [[u32; 3]],
-    /// Counts changes of `triangles`; 0 until the first cut.
+    /// The first of the triangles that cuts have laid open: all after it are. Their vertices are theirs alone, and follow all others.
+    pub first_wall: usize,
+    /// Counts changes of the arrays' lengths, `triangles`, `uvs` and `materials`; 0 until the first cut. What is there stays valid for the frame.
     pub topology_version: u64,
     /// Simulated time of the frame in seconds.
     pub time_s: f64,
@@ -55,32 +64,65 @@ pub struct SurfaceFrame<'a> {
 }
 
 impl SurfacePort {
-    pub(super) fn new(model: Arc<Model>, state: Arc<Mutex<Option<State>>>, index: usize) -> Result<Self> {
-        let surface = model.surfaces().get(index).ok_or_else(|| {
-            Error::argument(format!("surface {index} of {} does not exist", model.surfaces().len()))
+    /// On a surface of a model that may be cut with room for so many copies of nodes.
+    pub(super) fn new(
+        surfaces: &[Arc<Surface>],
+        copies: usize,
+        state: Arc<Mutex<Option<State>>>,
+        index: usize,
+    ) -> Result<Self> {
+        let surface = surfaces.get(index).ok_or_else(|| {
+            Error::argument(format!("surface {index} of {} does not exist", surfaces.len()))
         })?;
-        let count = surface.positions.len();
+        let (count, room) = (surface.positions.len(), if copies > 0 { room(surface, copies)[0] } else { 0 });
+        let numbers = || {
+            let mut numbers = Vec::with_capacity(room.max(count));
+            numbers.resize(count, Float4::default());
+            numbers
+        };
+        let mut scalars = Vec::with_capacity(room.max(count));
+        scalars.resize(count, 0.0);
         Ok(Self {
             state,
             index,
+            surface: surface.clone(),
+            topology_version: 0,
+            own: count,
+            kept: 0,
             field: SurfaceField::default(),
-            positions: vec![Float4::default(); count],
-            previous: vec![Float4::default(); count],
-            normals: vec![Float4::default(); count],
-            scalars: vec![0.0; count],
+            positions: numbers(),
+            previous: numbers(),
+            normals: numbers(),
+            scalars,
             time_s: 0.0,
             has_frame: false,
-            model,
         })
+    }
+
+    /// Takes another surface. Vertices that cuts have made were where they are now.
+    fn show(&mut self, surface: &Arc<Surface>, version: u64) {
+        if self.topology_version == version {
+            return;
+        }
+        (self.surface, self.topology_version) = (surface.clone(), version);
+        let count = surface.positions.len();
+        self.kept = self.kept.min(self.own);
+        for array in [&mut self.positions, &mut self.previous, &mut self.normals] {
+            array.resize(count, Float4::default());
+        }
+        self.scalars.resize(count, 0.0);
     }
 
     /// Takes the newest state of the surface. Waits for a step in progress; a step waits for it no longer than the arrays take to
     /// fill. After the simulation, or its GPU, is gone the last frame stays; after a defect of this library on the simulation's own thread there is an error.
     pub fn map(&mut self) -> Result<SurfaceFrame<'_>> {
-        let mut state = self.state.lock();
+        let shared = self.state.clone();
+        let mut state = shared.lock();
         let sound = state.as_mut().map(|state| state.check().map(|()| state));
         let is_running = match sound {
             Some(Ok(state)) => {
+                let (surface, version) = state.surface(self.index);
+                self.show(surface, version);
                 std::mem::swap(&mut self.positions, &mut self.previous);
                 let mut arrays = SurfaceArrays {
                     positions: numbers_mut(&mut self.positions),
@@ -94,9 +136,9 @@ impl SurfacePort {
                         return Err(error);
                     }
                 }
-                if !std::mem::replace(&mut self.has_frame, true) {
-                    self.previous.copy_from_slice(&self.positions);
-                }
+                self.previous[self.kept..].copy_from_slice(&self.positions[self.kept..]);
+                self.kept = self.positions.len();
+                self.has_frame = true;
                 true
             }
             Some(Err(defect @ Error::Defect(_))) => return Err(defect),
@@ -113,7 +155,7 @@ impl SurfacePort {
                 "the simulation ended before this surface was mapped for the first time",
             ));
         }
-        let surface = &self.model.surfaces()[self.index];
+        let surface = &self.surface;
         Ok(SurfaceFrame {
             positions: numbers(&self.positions),
             normals: numbers(&self.normals),
@@ -122,7 +164,8 @@ impl SurfacePort {
             uvs: &surface.uvs,
             materials: &surface.materials,
             triangles: &surface.triangles,
-            topology_version: 0,
+            first_wall: surface.first_wall,
+            topology_version: self.topology_version,
             time_s: self.time_s,
             is_running: false,
         })

@@ -55,6 +55,8 @@ pub(super) struct ToolEnd {
     pub entered: Option<Asked>,
     /// Nodes that it holds: slots, and where they are in its frame, in m.
     pub grasped: Arc<[(u32, Vec3)]>,
+    /// Whether its last cut was refused.
+    pub is_refused: bool,
     /// The model that goes with forces that no device shall feel.
     idle: ContactModel,
     /// What a device's servo needs to know, and what it says; `None` where there is no device.
@@ -93,6 +95,7 @@ pub(super) fn open(id: ToolId, desc: &ToolDesc, device: Option<(Servo, Haptics)>
         began: None,
         entered: None,
         grasped: Arc::new([]),
+        is_refused: false,
         idle: ContactModel::none(),
         device: haptics,
         is_running: is_running.clone(),

@@ -1,5 +1,6 @@
 //! HOW a step is asked for: what every backend must answer, and what tools, loads and statistics are.
 
+pub mod blade;
 pub mod load;
 pub mod method;
 pub mod statistics;
@@ -11,6 +12,8 @@ use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::law::CellLaw;
+use crate::model::surface::Surface;
+use blade::Held;
 use load::NodalLoads;
 use statistics::Copied;
 use tool::{Contact, ToolDesc, ToolPath, Wrench};
@@ -49,6 +52,8 @@ pub struct ToolStep {
     pub path: ToolPath,
     /// Nodes that it holds: slots, and where they are in its frame, in m.
     pub grasped: Arc<[(u32, Vec3)]>,
+    /// Where its edge stands in tissue.
+    pub held: Arc<[Held]>,
 }
 
 /// A rigid region during one step: the transform from its rest place.
@@ -146,7 +151,7 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Shows the contacts of the tool with index `tool` in the last plan, model frame.
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact));
 
-    /// Computes a surface of the model as it is now. Fails when the device is lost, or has no room.
+    /// Computes a surface as it is now. Fails when the device is lost, or has no room.
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()>;
 
     /// Displacement of a slot in m, model frame.
@@ -154,6 +159,9 @@ pub trait Solver: Send + std::fmt::Debug {
 
     /// Velocity of a slot in m/s, model frame, half a substep behind the displacement.
     fn velocity(&self, slot: u32) -> Vec3;
+
+    /// Displacements of all slots in m, model frame, into `all`, which keeps its memory.
+    fn displacements(&self, all: &mut Vec<Vec3>);
 
     /// Velocities of all slots in m/s, model frame, into `all`, which keeps its memory.
     fn velocities(&self, all: &mut Vec<Vec3>);
@@ -180,10 +188,10 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
-    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`. [`Self::set_flags`] with those of all copies follows. Fails where
-    /// this device cannot cut.
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
-        let _ = (topology, change);
+    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's. [`Self::set_flags`] with
+    /// those of all copies follows. Fails where this device cannot cut.
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+        let _ = (topology, change, surfaces);
         Err(Error::Unsupported("cutting runs on the processor".into()))
     }
 

@@ -1,5 +1,6 @@
 //! Tools: rigid shapes that press tissue, where they are, and what they feel.
 
+use super::blade::Blade;
 use crate::error::{Error, Result};
 use crate::math::{FAR_M, Pose, Vec3, all_finite};
 
@@ -30,10 +31,12 @@ pub enum Shape {
 /// A rigid compound of shapes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ToolDesc {
-    /// The shapes and their poses in the tool's frame `[1 to 16]`.
+    /// The shapes and their poses in the tool's frame `[1 to 16]`; a blade may do without.
     pub parts: Vec<(Pose, Shape)>,
     /// Coulomb friction coefficient between tool and tissue, 0 to 100.
     pub friction: f64,
+    /// The edge that it cuts with; `None` for a tool that presses alone.
+    pub blade: Option<Blade>,
 }
 
 /// Where a tool is and how it moves. World frame.
@@ -91,12 +94,17 @@ pub struct Contact {
 impl ToolDesc {
     /// A ball-tipped probe.
     pub fn sphere(radius_m: f64) -> Self {
-        Self { parts: vec![(Pose::identity(), Shape::Sphere { radius_m })], friction: 0.0 }
+        Self { parts: vec![(Pose::identity(), Shape::Sphere { radius_m })], friction: 0.0, blade: None }
+    }
+
+    /// A bare edge: it cuts, and feels nothing but what that takes.
+    pub fn blade(blade: Blade) -> Self {
+        Self { parts: Vec::new(), friction: 0.0, blade: Some(blade) }
     }
 
     /// Refuses empty compounds and shapes without a size.
     pub fn check(&self) -> Result<()> {
-        if self.parts.is_empty() || self.parts.len() > MAX_PARTS {
+        if self.parts.is_empty() && self.blade.is_none() || self.parts.len() > MAX_PARTS {
             return Err(Error::argument(format!(
                 "a tool has 1 to {MAX_PARTS} parts, not {}",
                 self.parts.len()
@@ -107,6 +115,9 @@ impl ToolDesc {
                 "friction {} is not between 0 and {MAX_FRICTION}",
                 self.friction
             )));
+        }
+        if let Some(blade) = &self.blade {
+            blade.check()?;
         }
         self.parts.iter().try_for_each(|(pose, shape)| {
             if !is_near(pose) {
@@ -244,16 +255,17 @@ pub struct Nearest {
 }
 
 impl ToolDesc {
-    /// Signed distance from a point of the tool's frame to the union of its parts.
+    /// Signed distance from a point of the tool's frame to the union of its parts; infinite where it has none.
     pub fn distance(&self, p: Vec3) -> Nearest {
         let to_part = |part: usize| {
             let (pose, shape) = &self.parts[part];
             let (distance, normal) = shape.distance(pose.inverse_transform_point(&p.into()).coords);
             Nearest { distance, normal: pose * normal, part }
         };
-        (1..self.parts.len()).map(to_part).fold(to_part(0), |nearest, other| {
-            if other.distance < nearest.distance { other } else { nearest }
-        })
+        let nowhere = Nearest { distance: f64::INFINITY, normal: Vec3::z(), part: 0 };
+        (0..self.parts.len())
+            .map(to_part)
+            .fold(nowhere, |nearest, other| if other.distance < nearest.distance { other } else { nearest })
     }
 
     /// How a point that comes from `start` and would end at `end`, tool frame, meets the tool: how far its end lies beyond the plane of the part
@@ -276,7 +288,13 @@ impl ToolDesc {
         None
     }
 
-    /// Radius of a ball around the tool's origin that contains it.
+    /// Radius of a ball around the tool's origin that contains its parts and its edge.
+    pub fn reach_m(&self) -> f64 {
+        let edge = self.blade.iter().flat_map(|blade| &blade.edge);
+        edge.map(|point| point.norm()).fold(self.bounding_radius_m(), f64::max)
+    }
+
+    /// Radius of a ball around the tool's origin that contains its parts.
     pub fn bounding_radius_m(&self) -> f64 {
         let reach =
             |(pose, shape): &(Pose, Shape)| pose.translation.vector.norm() + shape.bounding_radius_m();

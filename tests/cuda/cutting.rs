@@ -3,15 +3,18 @@
 use std::sync::Arc;
 
 use palpate::error::Error;
-use palpate::math::Vec3;
+use palpate::math::{Pose, Vec3};
 use palpate::model::material::Material;
 use palpate::model::{Fix, Model};
 use palpate::sim::{Backend, NodeField, Part, Precision, Sim, SimDesc};
 use palpate::solver::method::{EfgDesc, Method, Rows};
+use palpate::solver::tool::{ToolDesc, ToolMotion};
 
 use super::efg::SAME;
 use super::gpu::has_gpu;
-use super::{CELL_M, GPU, SAME_MOTION, SAME_SPEED, block_of, desc, difference, largest};
+use super::{
+    CELL_M, GPU, SAME_MOTION, SAME_SPEED, SAME_TIP_FORCE, block_of, desc, difference, largest, most,
+};
 
 /// Cells of the models.
 const CELLS: [usize; 3] = [11, 9, 7];
@@ -215,6 +218,64 @@ fn copies_on_a_gpu_are_held_freed_and_weighed_as_on_the_processor() {
         let heavy = Material::new("heavy", 4e3, 0.4, 2000.0).unwrap();
         sims.iter_mut().for_each(|sim| sim.set_material(1, &heavy).unwrap());
         step(&mut sims, format!("{what} freed"));
+    }
+}
+
+/// Where points are shown may differ by that, as a share of how far they have moved, and what single precision leaves of where they are, in m.
+fn same_place(case: &Case, moved: f64) -> f64 {
+    case.same[0].max(1e-6) * moved + 1e-7
+}
+
+#[test]
+fn a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor() {
+    if !has_gpu("a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let what = format!("{} {:?}", name(case.method), case.precision);
+        let mut sims = simulations(&model, &case);
+        let mut ports = sims.each_mut().map(|sim| sim.open_surface(model.contact_surface()).unwrap());
+        let radius = 2.5 * CELL_M;
+        let desc = ToolDesc { friction: 0.3, ..ToolDesc::sphere(radius) };
+        let mut tools = sims.each_mut().map(|sim| sim.add_tool(&desc).unwrap());
+        let (mut force, mut apart) = (0.0_f64, 0.0_f64);
+        for step in 0..60 {
+            // From the top down to its middle, half a cell at a time, while a ball presses the lips.
+            let cells = sims.each_mut().map(|sim| {
+                let edge = |z: f64| places(&model, [[5.4, -1.0, z], [5.7, 10.0, z + 0.2]]);
+                let z = 8.0 - 0.5 * f64::from(step);
+                if step < 10 { sim.cut(&edge(z), &edge(z - 0.5)).unwrap() } else { 0 }
+            });
+            assert!(cells.iter().all(|count| *count == cells[0]), "{what}, step {step}: {cells:?}");
+            let deep = (0.1 * f64::from(step)).min(2.0);
+            let [at] = places(&model, [[5.2, 4.5, 7.0 + 2.5 + 0.2 - deep]]);
+            for (sim, tool) in sims.iter_mut().zip(&mut tools) {
+                tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+                sim.step().unwrap();
+            }
+            let [a, b, c] = tools.each_mut().map(|tool| tool.force().wrench.force_n);
+            assert_eq!(b, c, "{what}: the same GPU gives the same bits");
+            force = force.max(a.norm());
+            apart = apart.max((a - b).norm());
+            if step % 10 != 9 {
+                continue;
+            }
+            let moved = largest(&sims[0].nodes(NodeField::Displacement));
+            let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
+            assert!(cpu.triangles == gpu.triangles && cpu.first_wall < cpu.triangles.len(), "{what}");
+            let pairs = cpu.positions.iter().flatten().zip(gpu.positions.iter().flatten());
+            let off = most(pairs.map(|(a, b)| f64::from((a - b).abs())));
+            println!("{what}, step {step}: {off:e} m of {moved:e} m; {apart:e} N of {force:e} N");
+            assert!(off < same_place(&case, moved), "{what}, step {step}: {off:e} m");
+        }
+        assert!(force > 0.01 && apart < SAME_TIP_FORCE * force, "{what}: {apart:e} N of {force:e} N");
+        let touched = [0, 1].map(|i| sims[i].contacts(tools[i].id()).unwrap().len());
+        assert!(touched[0] > 0 && touched[0] == touched[1], "{what}: {touched:?}");
+        // And whole again.
+        sims.iter_mut().for_each(Sim::reset);
+        let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
+        assert!(gpu.triangles == cpu.triangles && gpu.first_wall == gpu.triangles.len(), "{what}");
     }
 }
 

@@ -118,7 +118,7 @@ fn a_square_punch_meets_the_force_of_a_charged_plate() {
     let rounding_m = 0.1e-3;
     let half = REACH + rounding_m;
     let shape = Shape::Box { half_extents_m: Vec3::new(half, half, 0.01), rounding_m };
-    let tool = ToolDesc { parts: vec![(Pose::identity(), shape)], friction: 0.0 };
+    let tool = ToolDesc { parts: vec![(Pose::identity(), shape)], friction: 0.0, blade: None };
     // The pressure under a rigid frictionless punch is distributed as the charge on a conducting plate, F = π E* d C with the
     // capacitance C as a length: 2 a / π for a disc, which gives 2 E* a d, and 0.36679 times the side for a square (Read 1997).
     let modulus = YOUNG / (1.0 - poisson * poisson);
@@ -161,7 +161,7 @@ fn glide(body: &mut Body, port: &mut ToolPort, from: Vec3, to: Vec3, steps: u32)
 }
 
 fn compound(parts: Vec<(Pose, Shape)>) -> ToolDesc {
-    ToolDesc { parts, friction: 0.3 }
+    ToolDesc { parts, friction: 0.3, blade: None }
 }
 
 #[test]
@@ -285,7 +285,7 @@ fn friction_holds_below_its_cone_and_slides_on_it() {
     // A plate larger than the slab: every contact is flat.
     let half_extents_m = Vec3::new(0.06, 0.06, 0.02);
     let plate = Shape::Box { half_extents_m, rounding_m: 1e-3 };
-    let tool = ToolDesc { parts: vec![(Pose::identity(), plate)], friction };
+    let tool = ToolDesc { parts: vec![(Pose::identity(), plate)], friction, blade: None };
     let mut port = body.sim.add_tool(&tool).unwrap();
     glide(&mut body, &mut port, over(0.0, 0.02), over(0.0, 0.018), 200);
     glide(&mut body, &mut port, over(0.0, 0.018), over(0.0, 0.018), 100);

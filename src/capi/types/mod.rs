@@ -7,7 +7,7 @@
 //! | file | subject |
 //! |---|---|
 //! | this one | handles, geometry, callbacks, materials |
-//! | `model`, `device`, `sim`, `tool`, `surface` | what the functions of one noun take and give |
+//! | `model`, `device`, `sim`, `drive`, `tool`, `cut`, `servo`, `surface` | what the functions of one noun take and give |
 
 // Brackets are array shapes here, in a header's text, and not links.
 #![allow(rustdoc::broken_intra_doc_links)]
@@ -17,6 +17,7 @@ use std::mem::offset_of;
 
 use super::boundary::Output;
 
+mod cut;
 mod device;
 mod drive;
 mod model;
@@ -25,6 +26,7 @@ mod sim;
 mod surface;
 mod tool;
 
+pub use self::cut::*;
 pub use self::device::*;
 pub use self::drive::*;
 pub use self::model::*;

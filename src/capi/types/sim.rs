@@ -77,6 +77,9 @@ pub struct plp_sim_desc {
     pub max_iterations: u32,
     /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
     pub tolerance: f64,
+    /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
+    /// cut. So far on the processor alone.
+    pub cut_nodes: u64,
 }
 
 // SAFETY: repr(C), integers, doubles, a raw pointer and an optional function pointer, 4-byte fields in pairs.
@@ -107,6 +110,7 @@ unsafe impl Desc for plp_sim_desc {
             scheme: PLP_SCHEME_BACKWARD_EULER,
             max_iterations: efg.max_iterations,
             tolerance: efg.tolerance,
+            cut_nodes: 0,
         }
     }
 }

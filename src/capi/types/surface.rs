@@ -33,10 +33,13 @@ pub struct plp_surface_view {
     pub vertex_count: u64,
     /// Number of triangles.
     pub triangle_count: u64,
-    /// Changes whenever vertex_count or triangles do; 0 until the first cut.
+    /// Changes whenever anything but positions, normals and scalars does; 0 until the first cut.
     pub topology_version: u64,
     /// Simulated time of the frame in seconds.
     pub time_s: f64,
+    /// The first of the triangles that cuts have laid open: all after it are. Their vertices are theirs alone, so that they can have a normal and a texture of their own; texture
+    /// coordinates are lengths in metres there. triangle_count where nothing is cut.
+    pub first_wall_triangle: u64,
 }
 
 // SAFETY: repr(C), pointers and 8-byte numbers.

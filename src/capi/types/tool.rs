@@ -3,7 +3,7 @@
 use std::mem::offset_of;
 
 use super::super::boundary::Desc;
-use super::{plp_haptic_desc, plp_pose};
+use super::{plp_blade, plp_haptic_desc, plp_pose};
 
 /// A ball of radius_m.
 pub const PLP_SHAPE_SPHERE: u32 = 0;
@@ -38,7 +38,7 @@ pub struct plp_tool_part {
 pub struct plp_tool_desc {
     /// The size of this struct as the caller knows it.
     pub struct_size: u32,
-    /// Number of parts, 1 to 16.
+    /// Number of parts, 1 to 16; a blade may do without.
     pub part_count: u32,
     /// The shapes [part_count].
     pub parts: *const plp_tool_part,
@@ -46,6 +46,8 @@ pub struct plp_tool_desc {
     pub friction: f64,
     /// The haptic device that holds the tool, for plp_tool_exchange; NULL (default) where none does. @nullable
     pub haptic: *const plp_haptic_desc,
+    /// The edge that the tool cuts with; NULL (default) for one that presses alone. With a blade part_count may be 0. The simulation needs plp_sim_desc.cut_nodes. @nullable
+    pub blade: *const plp_blade,
 }
 
 // SAFETY: repr(C), two integers, raw pointers, a double.
@@ -59,6 +61,7 @@ unsafe impl Desc for plp_tool_desc {
             parts: std::ptr::null(),
             friction: 0.0,
             haptic: std::ptr::null(),
+            blade: std::ptr::null(),
         }
     }
 }

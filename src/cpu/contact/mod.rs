@@ -30,7 +30,7 @@ use super::nodes::{Bricks, Field};
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
-use crate::model::surface::{Edges, ROW};
+use crate::model::surface::{Edges, ROW, Surface};
 use crate::solver::tool::{Contact, Nearest};
 use crate::solver::{ToolStep, ToolSum};
 
@@ -76,6 +76,7 @@ pub struct ContactNodes<'a, R> {
 #[derive(Debug)]
 pub struct ContactSurface {
     model: Arc<Model>,
+    surface: Arc<Surface>,
     near: Near,
     edges: Edges,
     awake: Awake,
@@ -172,13 +173,14 @@ impl View<'_> {
 impl ContactSurface {
     /// Prepares the contact surface of a model.
     pub fn new(model: Arc<Model>) -> Self {
-        let surface = &model.surfaces()[model.contact_surface()];
+        let surface = model.surfaces()[model.contact_surface()].clone();
         let vertices = surface.positions.len();
         Self {
-            near: Near::new(surface, model.lattice().cell_m()),
+            near: Near::new(&surface, model.lattice()),
             awake: Awake::new(surface.triangles.len(), vertices),
             probed: Vec::with_capacity(vertices),
             edges: surface.edges(),
+            surface,
             points: Vec::with_capacity(MAX_POINTS),
             carried: Vec::with_capacity(MAX_POINTS * 3 * ROW),
             nodes: Vec::with_capacity(MAX_NODES),
@@ -187,6 +189,17 @@ impl ContactSurface {
             dropped: 0,
             model,
         }
+    }
+
+    /// A cut has made another surface of it.
+    pub fn renew(&mut self, surface: Arc<Surface>) {
+        let vertices = surface.positions.len();
+        self.near = Near::new(&surface, self.model.lattice());
+        self.awake = Awake::new(surface.triangles.len(), vertices);
+        self.probed = Vec::with_capacity(vertices);
+        self.edges = surface.edges();
+        self.surface = surface;
+        self.clear();
     }
 
     /// Bricks whose nodes were pushed in the last substep.
@@ -280,15 +293,14 @@ impl ContactSurface {
         reach: f64,
         moved: impl Fn(usize) -> f64,
     ) {
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
-        if self.near.keep_up(surface, bricks, tools, u, reach, moved) {
+        if self.near.keep_up(&self.surface, bricks, tools, u, reach, moved) {
             self.awake.restart();
         }
     }
 
     /// The contacts of one tool in the last substep, model frame; forces are those of that substep.
     pub fn contacts_of(&self, tool: u32, dt: f64) -> impl Iterator<Item = Contact> + '_ {
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        let surface = &self.surface;
         self.points.iter().filter(move |p| p.tool == tool && p.push > 0.0).map(move |p| Contact {
             point_m: p.position,
             normal: p.normal,
@@ -316,15 +328,14 @@ impl ContactSurface {
         self.carried.clear();
         self.nodes.clear();
         self.index.clear();
-        let model = self.model.clone();
-        let surface = &model.surfaces()[model.contact_surface()];
+        let surface = self.surface.clone();
         let ball = |tool: &ToolStep| Ball {
             centre: tool.path.at(span[1]).translation.vector,
             radius: tool.desc.bounding_radius_m() + reach,
         };
         self.awake.sort_out(&self.near, tools.iter().map(ball), follow, |vertex| {
-            let after = position(surface, vertex, nodes.u);
-            (if follow && tissue_moves { position(surface, vertex, nodes.u_before) } else { after }, after)
+            let after = position(&surface, vertex, nodes.u);
+            (if follow && tissue_moves { position(&surface, vertex, nodes.u_before) } else { after }, after)
         });
 
         for (number, tool) in tools.iter().enumerate() {
@@ -428,8 +439,7 @@ impl ContactSurface {
         if self.points.len() == MAX_POINTS || self.nodes.len() + 3 * ROW > MAX_NODES {
             return false;
         }
-        let model = self.model.clone();
-        let surface = &model.surfaces()[model.contact_surface()];
+        let surface = self.surface.clone();
         let start = point.start as usize;
         let vertices = surface.triangles[point.triangle as usize];
         for (vertex, share) in vertices.into_iter().zip(point.shares).filter(|(_, share)| *share != 0.0) {

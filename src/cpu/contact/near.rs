@@ -8,7 +8,7 @@ use super::super::lanes::Real;
 use super::super::nodes::{Bricks, Field};
 use super::awake::USUAL_TOOLS;
 use crate::math::Vec3;
-use crate::model::lattice::BRICK_SLOTS;
+use crate::model::lattice::{BRICK_SLOTS, Lattice};
 use crate::model::surface::{ROW, Surface};
 use crate::solver::ToolStep;
 
@@ -20,6 +20,8 @@ const MOST_ROOM: f64 = 8.0;
 /// In [`Near::place_of`]: not looked at, and looked at but part of no listed triangle.
 const UNSEEN: u32 = u32::MAX;
 const FAR: u32 = u32::MAX - 1;
+/// In [`Group::bricks`]: copies of nodes, which stand in bricks that are nobody's neighbours.
+const ANYWHERE: u32 = u32::MAX;
 /// On which sides of the boxes a point lies: a byte for each box, in turn; where boxes share one, the sides on which it lies of all of them.
 type Sides = [u8; 8];
 
@@ -62,7 +64,7 @@ pub struct Listed {
 /// Triangles whose corners hang on the same bricks.
 #[derive(Clone, Copy, Debug)]
 struct Group {
-    /// Ascending; a triangle may reach over several.
+    /// Ascending; a triangle may reach over several. One that hangs on copies of nodes has [`ANYWHERE`] last.
     bricks: [u32; 3],
     start: u32,
     end: u32,
@@ -101,10 +103,17 @@ impl Bounds {
 }
 
 impl Near {
-    /// An empty list of a surface of cells with edge length `h`.
-    pub fn new(surface: &Surface, h: f64) -> Self {
+    /// An empty list of a surface.
+    pub fn new(surface: &Surface, lattice: &Lattice) -> Self {
+        let h = lattice.cell_m();
+        let (brick_of, first_copy) = (|slot: u32| slot / BRICK_SLOTS as u32, lattice.slot_count() as u32);
         let bricks_of = |t: &[u32; 3]| {
-            let mut bricks = t.map(|v| surface.rows[v as usize].nodes[0] / BRICK_SLOTS as u32);
+            let rows = t.map(|v| &surface.rows[v as usize].nodes);
+            let mut own = rows.into_iter().flatten().copied().filter(|&slot| slot < first_copy);
+            if own.clone().count() < rows.len() * ROW {
+                return [own.next().map_or(ANYWHERE, brick_of), ANYWHERE, ANYWHERE];
+            }
+            let mut bricks = rows.map(|nodes| brick_of(nodes[0]));
             bricks.sort_unstable();
             bricks
         };
@@ -214,9 +223,11 @@ impl Near {
         // Most groups lie too far away whoever moves.
         let furthest = (0..bricks.count()).map(&moved).fold(0.0, f64::max);
         for group in groups.iter().filter(|group| is_near(&group.bounds, furthest * *lever)) {
-            let around = group.bricks.iter().flat_map(|&brick| bricks.around(brick as usize));
-            if !is_near(&group.bounds, around.map(&moved).fold(0.0, f64::max) * *lever) {
-                continue;
+            if group.bricks[2] != ANYWHERE {
+                let around = group.bricks.iter().flat_map(|&brick| bricks.around(brick as usize));
+                if !is_near(&group.bounds, around.map(&moved).fold(0.0, f64::max) * *lever) {
+                    continue;
+                }
             }
             for &triangle in &grouped[group.start as usize..group.end as usize] {
                 let corners = surface.triangles[triangle as usize];
@@ -296,7 +307,7 @@ mod tests {
         let surface = &model.surfaces()[model.contact_surface()];
         let mut u = Field::<f32>::zeros(model.lattice().bricks().len());
         let bricks = Bricks::new(model.clone(), 0);
-        let mut near = Near::new(surface, h);
+        let mut near = Near::new(surface, model.lattice());
         let mut awake = Awake::new(surface.triangles.len(), surface.positions.len());
 
         // The block slides under the tool by a tenth of a cell at a time, the tool against it by half as much.
@@ -309,6 +320,7 @@ mod tests {
             let at = |step: i32| Pose::translation(0.012 - 5e-5 * f64::from(step), 0.003, 0.005);
             let tool = ToolStep {
                 grasped: Arc::new([]),
+                held: Arc::new([]),
                 desc: Arc::new(ToolDesc::sphere(2e-3)),
                 path: ToolPath { from: at(step), to: at(step + 1) },
             };

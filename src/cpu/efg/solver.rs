@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::super::contact::{ContactNodes, ContactSurface};
+use super::super::hold::{HeldNodes, hold};
 use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
 use super::super::workers::{Member, Workers};
@@ -21,6 +22,7 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
+use crate::model::surface::Surface;
 use crate::solver::load::NodalLoads;
 use crate::solver::method::{EfgDesc, Scheme};
 use crate::solver::statistics::Copied;
@@ -54,6 +56,7 @@ pub struct EfgSolver<R: EfgReal> {
     furthest: f64,
     u: Field<R>,
     v: Field<R>,
+    surfaces: Vec<Arc<Surface>>,
     contact: ContactSurface,
     press: Press,
     fastest: f64,
@@ -90,6 +93,7 @@ impl<R: EfgReal> EfgSolver<R> {
             furthest: Vec3::from(model.lattice().cells().map(|n| n as f64)).norm() * model.lattice().cell_m(),
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
+            surfaces: model.surfaces().to_vec(),
             press: Press::of(&contact),
             contact,
             fastest: 0.0,
@@ -185,6 +189,7 @@ impl<R: EfgReal> EfgSolver<R> {
         self.fastest = self.system.seen().speed2.sqrt();
         if self.fastest * plan.dt < self.furthest {
             self.place_held(plan, span[1]);
+            self.hold(plan, span[1], sums);
         } else {
             self.give_up(report);
         }
@@ -229,6 +234,17 @@ impl<R: EfgReal> EfgSolver<R> {
     fn place_held(&mut self, plan: &StepPlan, t: f64) {
         let Self { u, .. } = self;
         for_each_held(&self.bricks.model, plan, t, |_, slot, place| u.set(slot, place));
+    }
+
+    /// Tissue sticks to the edges of blades, once it has moved.
+    fn hold(&mut self, plan: &StepPlan, t: f64, sums: &mut [ToolSum]) {
+        let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
+        let step = plan.dt * f64::from(plan.substeps);
+        let Self { u, v, flags, bricks, .. } = self;
+        let mut nodes = HeldNodes { u, v, flags, bricks, corner_kg: &corner_kg, dt: plan.dt };
+        for (tool, sum) in plan.tools.iter().zip(sums) {
+            self.fastest += hold(tool, t, step, &mut nodes, sum) / plan.dt;
+        }
     }
 
     fn load(&mut self, loads: &NodalLoads, dt: f64) {
@@ -288,6 +304,14 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
     }
 }
 
+impl<R: EfgReal> EfgSolver<R> {
+    /// Takes other surfaces.
+    fn show(&mut self, surfaces: &[Arc<Surface>]) {
+        self.surfaces = surfaces.to_vec();
+        self.contact.renew(surfaces[self.bricks.model.contact_surface()].clone());
+    }
+}
+
 impl<R: EfgReal> Solver for EfgSolver<R> {
     fn stable_dt(&self) -> f64 {
         f64::INFINITY
@@ -326,7 +350,14 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        surface::publish(&self.bricks.model, index, &self.u, field, arrays, &mut self.workers);
+        surface::publish(
+            &self.bricks.model,
+            &self.surfaces[index],
+            &self.u,
+            field,
+            arrays,
+            &mut self.workers,
+        );
         Ok(())
     }
 
@@ -336,6 +367,11 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
 
     fn velocity(&self, slot: u32) -> Vec3 {
         self.v.vec3(slot)
+    }
+
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        all.extend((0..self.flags.len() as u32).map(|slot| self.u.vec3(slot)));
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
@@ -406,7 +442,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
         self.bricks.divide(topology, change);
         for birth in &change.births {
             self.u.set(birth.slot, self.u.vec3(birth.from));
@@ -418,7 +454,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         }
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
-        self.contact.lose_track();
+        self.show(surfaces);
         Ok(())
     }
 
@@ -430,6 +466,8 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
         self.uploaded += self.system.upload(&self.bricks);
         self.is_stale = true;
+        let model = self.bricks.model.clone();
+        self.show(model.surfaces());
         Ok(())
     }
 

@@ -20,7 +20,7 @@ use crate::cuda::memory::{Pinned, Stream};
 use crate::cuda::near::NearTools;
 use crate::cuda::outside::{self, Outside};
 use crate::cuda::pointer;
-use crate::cuda::surface::SurfaceOnDevice;
+use crate::cuda::surface::Surfaces;
 use crate::cuda::told::Told;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
@@ -28,6 +28,7 @@ use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
+use crate::model::surface::Surface;
 use crate::sim::MAX_TOOLS;
 use crate::solver::method::{EfgDesc, Elasticity, Scheme};
 use crate::solver::statistics::Copied;
@@ -49,8 +50,7 @@ pub struct CudaEfgSolver<R: Number> {
     contact: ContactSurface,
     outside: Outside,
     near: NearTools,
-    /// Surfaces that were shown.
-    surfaces: Vec<Option<SurfaceOnDevice>>,
+    surfaces: Surfaces,
     /// The step that moduli were made for; 0 where they were made for none.
     dt: f64,
     /// A node that goes further in a step is lost: the diagonal of the model, in m.
@@ -80,10 +80,10 @@ impl<R: Number> CudaEfgSolver<R> {
             state: State::new(&mut body, desc.rows, kernels.blocks, &stream)?,
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
-            contact: ContactSurface::new(model, body.slot_count(), &stream)?,
+            contact: ContactSurface::new(model, copies, &stream)?,
             outside: Outside::new(model, &stream)?,
             near: NearTools::new(body.bricks.count(), &stream)?,
-            surfaces: model.surfaces().iter().map(|_| None).collect(),
+            surfaces: Surfaces::new(model, copies),
             dt: 0.0,
             furthest: Vec3::from(lattice.cells().map(|n| n as f64)).norm() * lattice.cell_m(),
             speed: 0.0,
@@ -225,6 +225,14 @@ impl<R: Number> CudaEfgSolver<R> {
         })
     }
 
+    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+        let model = self.model.clone();
+        self.surfaces.renew(surfaces)?;
+        let rest = |slot| model.lattice().rest_position(origin(slot));
+        self.contact.renew(&surfaces[model.contact_surface()], rest)
+    }
+
     /// Displacements, or velocities, as they are now.
     fn look<T>(&self, at: Field, see: impl FnOnce(&[R]) -> T) -> T {
         let field = [&self.state.u, &self.state.v][at as usize];
@@ -322,11 +330,8 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        if self.surfaces[index].is_none() {
-            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
-        }
-        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(&self.kernels.surfaces, &self.stream, &self.state.pass(), field, arrays)
+        let pass = self.state.pass();
+        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
@@ -335,6 +340,12 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
 
     fn velocity(&self, slot: u32) -> Vec3 {
         self.look(Field::Velocity, |v| vector(v, slot))
+    }
+
+    fn displacements(&self, all: &mut Vec<Vec3>) {
+        all.clear();
+        let slots = 0..self.body.flags.len() as u32;
+        self.look(Field::Displacement, |u| all.extend(slots.map(|slot| vector(u, slot))));
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
@@ -413,21 +424,22 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.state.set_flags(&self.body.flags)
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
         self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
         // Copies are held as what they start from, until their own flags follow.
         for birth in &change.births {
             self.body.flags[birth.slot as usize] = self.body.flags[birth.from as usize];
         }
         self.outside.forget_masses();
-        self.contact.lose_track();
         self.forget_nodes();
-        Ok(())
+        self.show(surfaces, |slot| topology.origin(slot))
     }
 
     fn heal(&mut self) -> Result<()> {
         self.outside.forget_masses();
-        self.state.heal(&mut self.body)
+        self.state.heal(&mut self.body)?;
+        let model = self.model.clone();
+        self.show(model.surfaces(), |slot| slot)
     }
 
     fn reset(&mut self) {

@@ -187,7 +187,7 @@ fn tool(noise: &mut Noise, number: usize) -> ToolDesc {
     let pose = |noise: &mut Noise| Pose::from_parts(vector(noise, 0.02).into(), turn(noise));
     let size = |noise: &mut Noise| single(0.011 + 0.009 * noise.next());
     let parts = (0..PARTS).map(|part| (pose(noise), shape(noise, number + part, size))).collect();
-    ToolDesc { parts, friction: 0.0 }
+    ToolDesc { parts, friction: 0.0, blade: None }
 }
 
 fn part_numbers(tool: &ToolDesc) -> impl Iterator<Item = f32> {
@@ -216,7 +216,7 @@ fn compounds_are_as_far_away_as_on_the_processor() {
     assert_sharp(&cases);
     // Where two parts are equally near, the first one counts.
     let ball = |x: f64| (Pose::translation(x, 0.0, 0.0), Shape::Sphere { radius_m: 0.25 });
-    let twins = ToolDesc { parts: vec![ball(-0.5), ball(0.5), ball(4.0)], friction: 0.0 };
+    let twins = ToolDesc { parts: vec![ball(-0.5), ball(0.5), ball(4.0)], friction: 0.0, blade: None };
     cases.push(Case { tolerance: [0.0; 5], ..case(&twins, Vec3::zeros()) });
     laws.check("Nearest tool_distance", &cases);
 }
@@ -305,7 +305,7 @@ fn sweeping_points_meet_the_tools_that_they_meet_on_the_processor() {
     // Through a thin plate and out again; along its face; and standing still inside.
     let plate = Shape::Box { half_extents_m: Vec3::new(0.25, 0.25, 0.0625), rounding_m: 0.03125 };
     let far = (Pose::from_parts(Vec3::repeat(8.0).into(), Quat::identity()), plate);
-    let plate = ToolDesc { parts: vec![(Pose::identity(), plate), far, far], friction: 0.0 };
+    let plate = ToolDesc { parts: vec![(Pose::identity(), plate), far, far], friction: 0.0, blade: None };
     let ways = [
         ([0.0, 0.0, 0.5], [0.0, 0.0, -0.5]),
         ([-0.5, 0.0, 0.125], [0.5, 0.0, 0.125]),

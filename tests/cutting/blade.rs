@@ -1,0 +1,137 @@
+//! Tools with an edge: what they cut, and what they feel.
+
+use palpate::error::Error;
+use palpate::math::{Pose, Vec3};
+use palpate::sim::{Event, Sim, SimDesc, ToolPort};
+use palpate::solver::blade::Blade;
+use palpate::solver::method::Method;
+use palpate::solver::tool::{ToolDesc, ToolMotion};
+
+use super::{CELL_M, METHODS, beam, simulation, slit};
+
+/// J/m².
+const TOUGHNESS: f64 = 60.0;
+
+/// An edge along y through the origin, longer than any beam is wide.
+fn edge(toughness_j_m2: f64) -> ToolDesc {
+    ToolDesc::blade(Blade { edge: vec![-Vec3::y(), Vec3::y()], toughness_j_m2 })
+}
+
+fn go(sim: &mut Sim, blade: &mut ToolPort, x: f64, z: f64) -> Vec3 {
+    blade.set_motion(&ToolMotion::at(Pose::translation(x * CELL_M, 0.0, z * CELL_M))).unwrap();
+    sim.step().unwrap();
+    blade.force().wrench.force_n
+}
+
+#[test]
+fn a_blade_that_does_not_resist_cuts_as_the_same_way_by_hand_does() {
+    for method in METHODS {
+        let model = beam([10, 3, 4], true);
+        let mut by_tool = simulation(&model, method, Vec3::zeros());
+        let mut by_hand = simulation(&model, method, Vec3::zeros());
+        let mut blade = by_tool.add_tool(&edge(0.0)).unwrap();
+        for step in 0..40 {
+            let [from, to] = [0.0, 1.0].map(|end| 11.0 - 0.2 * (f64::from(step) + end));
+            if step == 0 {
+                assert_eq!(go(&mut by_tool, &mut blade, from, 1.7), Vec3::zeros());
+            }
+            assert_eq!(go(&mut by_tool, &mut blade, to, 1.7), Vec3::zeros());
+            slit(&mut by_hand, from, to, 1.7);
+        }
+        let volumes = |sim: &Sim| sim.parts().iter().map(|part| part.volume_m3).collect::<Vec<_>>();
+        assert_eq!(volumes(&by_tool), volumes(&by_hand));
+    }
+}
+
+#[test]
+fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissue() {
+    for method in METHODS {
+        let (width, model) = (5, beam([20, 5, 6], true));
+        let mut sim = simulation(&model, method, Vec3::zeros());
+        let mut blade = sim.add_tool(&edge(TOUGHNESS)).unwrap();
+        let expected = TOUGHNESS * f64::from(width) * CELL_M;
+        let (mut sum, mut count, mut most) = (Vec3::zeros(), 0, 0.0_f64);
+        for step in 0..700 {
+            let x = 20.5 - 0.02 * f64::from(step);
+            let force = go(&mut sim, &mut blade, x, 3.3);
+            most = most.max(force.norm());
+            // From three cells in on, where tissue has given way.
+            if x < 16.0 {
+                (sum, count) = (sum + force, count + 1);
+            }
+        }
+        let mean = sum / f64::from(count);
+        assert!(sim.parts().len() == 1 && most < 1.0001 * expected, "{most} of {expected}");
+        // Tissue springs back at each cell that opens, and then sticks anew: less than the limit for a while.
+        assert!(mean.x > 0.7 * expected && mean.x < 1.0001 * expected, "{mean:?} of {expected}");
+        assert!(mean.yz().norm() < 0.2 * mean.x, "{mean:?}");
+        // Drawn back through its own cut it meets nothing.
+        for step in 0..100 {
+            let force = go(&mut sim, &mut blade, 7.5 + 0.05 * f64::from(step), 3.3);
+            assert!(step < 40 || force == Vec3::zeros(), "{force:?} at {step}");
+        }
+    }
+}
+
+#[test]
+fn tissue_tougher_than_the_push_goes_with_the_blade_and_is_not_cut() {
+    for method in METHODS {
+        let model = beam([12, 3, 5], true);
+        let mut sim = simulation(&model, method, Vec3::zeros());
+        // Put in first, without a way.
+        let mut blade = sim.add_tool(&edge(1e5)).unwrap();
+        let mut force = go(&mut sim, &mut blade, 9.5, 2.5);
+        for step in 0..200 {
+            force = go(&mut sim, &mut blade, 9.5, 2.5 - 0.004 * f64::from(step));
+        }
+        assert_eq!(sim.parts().len(), 1);
+        assert_eq!(sim.cut(&[Vec3::x(), Vec3::y()], &[Vec3::x(), Vec3::y()]).unwrap(), 0);
+        // The beam is bent down by 0.8 cells and pulls the blade up.
+        assert!(force.z > 0.0, "{force:?}");
+        let rest = sim.nodes(palpate::sim::NodeField::RestPosition);
+        let moved = sim.nodes(palpate::sim::NodeField::Displacement);
+        let near = |p: &Vec3| (p.x / CELL_M - 9.5).abs() < 0.6 && (p.z / CELL_M - 2.5).abs() < 0.6;
+        let sunk: Vec<f64> =
+            rest.iter().zip(&moved).filter(|(p, _)| near(p)).map(|(_, u)| u.z / CELL_M).collect();
+        let mean = sunk.iter().sum::<f64>() / sunk.len() as f64;
+        assert!((mean + 0.8).abs() < 0.05, "{mean}");
+    }
+}
+
+#[test]
+fn bad_blades_are_refused_and_a_cut_without_room_is_told_once_while_the_simulation_goes_on() {
+    let model = beam([12, 3, 4], true);
+    let mut sim = simulation(&model, Method::Lattice, Vec3::zeros());
+    let bad = |edge: Vec<Vec3>, toughness_j_m2: f64| ToolDesc::blade(Blade { edge, toughness_j_m2 });
+    for desc in [
+        bad(vec![], 1.0),
+        bad(vec![Vec3::zeros()], 1.0),
+        bad(vec![Vec3::zeros(); 2], 1.0),
+        bad(vec![Vec3::zeros(), Vec3::repeat(f64::NAN)], 1.0),
+        bad(vec![Vec3::zeros(), Vec3::x()], f64::NAN),
+        bad(vec![Vec3::zeros(), Vec3::x()], -1.0),
+    ] {
+        assert!(matches!(sim.add_tool(&desc), Err(Error::Argument(_))), "{desc:?}");
+    }
+    let none = SimDesc { cut_nodes: 0, ..SimDesc::default() };
+    assert!(matches!(Sim::new(model.clone(), &none).unwrap().add_tool(&edge(0.0)), Err(Error::State(_))));
+
+    let small = SimDesc { cut_nodes: 64, threads: 1, ..SimDesc::default() };
+    let mut sim = Sim::new(beam([40, 12, 4], true), &small).unwrap();
+    let mut blade = sim.add_tool(&edge(0.0)).unwrap();
+    for step in 0..60 {
+        go(&mut sim, &mut blade, 41.0 - 0.5 * f64::from(step), 1.5);
+        let nan = ToolMotion::at(Pose::translation(f64::NAN, 0.0, 0.0));
+        assert!(matches!(blade.set_motion(&nan), Err(Error::Argument(_))));
+    }
+    let events: Vec<Event> = std::iter::from_fn(|| sim.poll_event()).collect();
+    assert!(matches!(events[..], [Event::CutRefused { tool, .. }] if tool == blade.id()), "{events:?}");
+    assert_eq!(sim.parts().len(), 1);
+    // All of the body at once, in one step.
+    let mut sim = simulation(&model, Method::Lattice, Vec3::zeros());
+    let mut blade = sim.add_tool(&edge(0.0)).unwrap();
+    go(&mut sim, &mut blade, 20.0, 1.5);
+    go(&mut sim, &mut blade, -5.0, 1.5);
+    assert_eq!(sim.parts().len(), 2);
+    (0..5).for_each(|_| sim.step().unwrap());
+}

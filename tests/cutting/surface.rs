@@ -1,0 +1,134 @@
+//! What renderers and tools see of a cut.
+
+use std::collections::HashMap;
+
+use palpate::math::{Pose, Vec3};
+use palpate::sim::{Sim, SurfaceFrame};
+use palpate::solver::tool::{ToolDesc, ToolMotion};
+
+use super::{CELL_M, METHODS, beam, simulation, slit};
+
+/// A surface's points, in double precision.
+fn points(frame: &SurfaceFrame<'_>) -> Vec<Vec3> {
+    frame.positions.iter().map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
+}
+
+/// Names points by where they are: a lip has vertices on both of its sides.
+fn names(points: &[Vec3]) -> Vec<usize> {
+    let mut known: HashMap<[i64; 3], usize> = HashMap::new();
+    let place = |p: &Vec3| [0, 1, 2].map(|axis| (p[axis] / (1e-4 * CELL_M)).round() as i64);
+    points.iter().enumerate().map(|(n, p)| *known.entry(place(p)).or_insert(n)).collect()
+}
+
+/// Twice as many directed edges go one way as come back, where the surface is closed; and six times the volume inside.
+fn check_closed(frame: &SurfaceFrame<'_>, at: &[Vec3]) -> f64 {
+    let names = names(at);
+    let mut balance: HashMap<(usize, usize), i64> = HashMap::new();
+    let mut volume = 0.0;
+    for corners in frame.triangles {
+        let [a, b, c] = corners.map(|v| v as usize);
+        volume += at[a].cross(&at[b]).dot(&at[c]) / 6.0;
+        for (from, to) in [(a, b), (b, c), (c, a)].map(|(from, to)| (names[from], names[to])) {
+            *balance.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
+        }
+    }
+    assert!(balance.values().all(|&sum| sum == 0), "the surface has a hole");
+    volume
+}
+
+#[test]
+fn a_cut_is_seen_as_closed_parts_with_walls_in_the_blades_plane() {
+    for method in METHODS {
+        let model = beam([10, 3, 4], true);
+        let mut sim = simulation(&model, method, Vec3::zeros());
+        let mut surface = sim.open_surface(0).unwrap();
+        let (before, version) = {
+            let frame = surface.map().unwrap();
+            assert_eq!((frame.first_wall, frame.topology_version), (frame.triangles.len(), 0));
+            (points(&frame), frame.topology_version)
+        };
+        let whole = check_closed(&surface.map().unwrap(), &before);
+        // In part: the sides are still one.
+        slit(&mut sim, 12.0, 5.3, 1.7);
+        let frame = surface.map().unwrap();
+        assert!(frame.first_wall < frame.triangles.len() && frame.topology_version > version);
+        let at = points(&frame);
+        assert_eq!(at[..before.len()], before, "vertices of the model's own surface keep their numbers");
+        assert!((check_closed(&frame, &at) / whole - 1.0).abs() < 1e-5);
+        for corners in &frame.triangles[frame.first_wall..] {
+            for v in corners.map(|v| v as usize) {
+                assert!((at[v].z - 1.7 * CELL_M).abs() < 1e-3 * CELL_M, "a wall lies in the cut");
+                assert!(frame.normals[v][2].abs() > 0.999, "and is flat");
+                assert_eq!(
+                    frame.previous_positions[v], frame.positions[v],
+                    "new vertices were where they are"
+                );
+            }
+            // Texture coordinates are lengths.
+            let [a, b] = [corners[0] as usize, corners[1] as usize];
+            let uv = [a, b].map(|v| frame.uvs[v].map(f64::from));
+            let length = (uv[0][0] - uv[1][0]).hypot(uv[0][1] - uv[1][1]);
+            assert!((length - (at[a] - at[b]).norm()).abs() < 1e-3 * CELL_M);
+        }
+        // Through: both parts are closed for themselves, and fall apart where one is free.
+        slit(&mut sim, 12.0, -1.0, 1.7);
+        sim.set_gravity(-9.81 * Vec3::z()).unwrap();
+        sim.reset();
+        assert_eq!(
+            surface.map().unwrap().first_wall,
+            surface.map().unwrap().triangles.len(),
+            "a reset heals"
+        );
+    }
+}
+
+#[test]
+fn what_was_cut_off_is_drawn_where_it_falls() {
+    for method in METHODS {
+        let model = beam([12, 3, 4], true);
+        let mut sim = simulation(&model, method, -9.81 * Vec3::z());
+        let mut surface = sim.open_surface(0).unwrap();
+        let blade = |y: f64| [-99.0, 99.0].map(|z| Vec3::new(6.35, y, z) * CELL_M);
+        sim.cut(&blade(-1.0), &blade(4.0)).unwrap();
+        let rest = points(&surface.map().unwrap());
+        (0..60).for_each(|_| sim.step().unwrap());
+        let frame = surface.map().unwrap();
+        let now = points(&frame);
+        check_closed(&frame, &now);
+        // Beyond the cut all has fallen by g t²/2; the held rest hangs. Explicit velocities lag by half a step.
+        let fallen = 0.5 * 9.81 * 0.06 * 0.06;
+        for (a, b) in rest.iter().zip(&now).filter(|(a, _)| a.x > 6.5 * CELL_M) {
+            assert!(((a.z - b.z) / fallen - 1.0).abs() < 0.03, "{} of {fallen}", a.z - b.z);
+        }
+        let held = rest.iter().zip(&now).filter(|(a, _)| a.x < 6.2 * CELL_M);
+        assert!(held.map(|(a, b)| a.z - b.z).fold(0.0, f64::max) < 0.1 * fallen);
+    }
+}
+
+#[test]
+fn a_tool_touches_the_wall_of_a_cut() {
+    for method in METHODS {
+        let model = beam([12, 5, 6], true);
+        let mut sim = simulation(&model, method, Vec3::zeros());
+        let blade = |y: f64| [-99.0, 99.0].map(|z| Vec3::new(6.35, y, z) * CELL_M);
+        sim.cut(&blade(-1.0), &blade(6.0)).unwrap();
+        // The free part leaves along x; then a ball comes after it, and back to the wall.
+        let away = |sim: &mut Sim| {
+            sim.set_gravity(Vec3::x() * 50.0).unwrap();
+            (0..60).for_each(|_| sim.step().unwrap());
+            sim.set_gravity(Vec3::zeros()).unwrap();
+        };
+        away(&mut sim);
+        let mut tool = sim.add_tool(&ToolDesc::sphere(2.0 * CELL_M)).unwrap();
+        let mut force = Vec3::zeros();
+        for step in 0..80 {
+            let x = 9.0 - 0.02 * f64::from(step);
+            let at = Vec3::new(x, 2.5, 3.0) * CELL_M;
+            tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+            sim.step().unwrap();
+            force = tool.force().wrench.force_n;
+        }
+        assert!(force.x > 1e-3 && force.x > 5.0 * force.yz().norm(), "{force:?}");
+        assert!(sim.contacts(tool.id()).unwrap().iter().all(|contact| contact.normal.x < -0.5));
+    }
+}

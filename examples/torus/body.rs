@@ -9,15 +9,16 @@ use palpate::model::mesh::TriangleMesh;
 use palpate::model::{Build, Fix, LabelUse, Model, SurfaceSource, solid};
 
 /// Radius of the circle in the middle of the ring, in m. It stands upright, around the y axis.
-const RING_M: f64 = 0.05;
+pub const RING_M: f64 = 0.05;
 /// Radius of the ring itself.
-const TUBE_M: f64 = 0.02;
-/// Quadrilaterals along the ring, and around it.
-const FACES: [u32; 2] = [120, 48];
+pub const TUBE_M: f64 = 0.02;
+/// Quadrilaterals along the ring, for each around it.
+const SLENDER: f64 = 2.5;
 
-/// The mesh, seen from outside.
-fn mesh() -> TriangleMesh {
-    let [along, around] = FACES;
+/// The mesh, seen from outside, of about so many triangles.
+fn mesh(triangles: u32) -> TriangleMesh {
+    let around = (f64::from(triangles) / (2.0 * SLENDER)).sqrt().round();
+    let [along, around] = [(SLENDER * around).round(), around].map(|n| n as u32);
     let place = |n: u32| {
         let (u, v) =
             (f64::from(n / around) / f64::from(along) * TAU, f64::from(n % around) / f64::from(around) * TAU);
@@ -37,9 +38,15 @@ fn mesh() -> TriangleMesh {
     }
 }
 
-/// The torus in cells, held by the uppermost part of the ring.
-pub fn build(cell_m: f64, young_pa: f64) -> anyhow::Result<Model> {
-    let mesh = mesh();
+/// The edge length, in m, of as many cells as fill the torus.
+#[allow(dead_code)]
+pub fn cell_m(cells: u32) -> f64 {
+    (TAU * std::f64::consts::PI * RING_M * TUBE_M * TUBE_M / f64::from(cells)).cbrt()
+}
+
+/// The torus in cells, with a surface of about so many triangles, held by the uppermost part of the ring.
+pub fn build(cell_m: f64, triangles: u32, young_pa: f64) -> anyhow::Result<Model> {
+    let mesh = mesh(triangles);
     let mut build = Build::new(LabelGrid::from_solid(&mesh, cell_m)?);
     build.uses.insert(0, LabelUse::Empty);
     build.uses.insert(solid::SOLID, LabelUse::Tissue(Material::new("tissue", young_pa, 0.45, 1000.0)?));

@@ -24,6 +24,8 @@ use palpate::solver::method::{EfgDesc, Method};
 use picture::Moment;
 pub use picture::SIZE;
 
+/// Triangles of the surface.
+const TRIANGLES: u32 = 11_520;
 /// Steps in a second, as many as a screen shows.
 const RATE_HZ: f64 = 60.0;
 
@@ -79,7 +81,7 @@ pub fn run(options: &Options) -> anyhow::Result<Hung> {
     }
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("cannot make the folder {}", options.out.display()))?;
-    let model = Arc::new(body::build(options.cell_mm * 1e-3, options.young_kpa * 1e3)?);
+    let model = Arc::new(body::build(options.cell_mm * 1e-3, TRIANGLES, options.young_kpa * 1e3)?);
     let desc = SimDesc {
         method: Method::Efg(EfgDesc::default()),
         gravity_m_s2: Vec3::new(0.0, 0.0, -9.81),

@@ -45,6 +45,9 @@ pub unsafe extern "C" fn plp_sim_get_statistics(
                 true_residual: now.true_residual,
                 cg_iterations: now.cg_iterations,
                 reserved: 0,
+                cut_wall_s: now.cut_wall_s,
+                divided_cell_count: now.divided_cells,
+                copy_count: now.copies,
             };
             // SAFETY: checked above; the host offers `statistics_size` bytes.
             unsafe { write_output(statistics, statistics_size, &now) };

@@ -130,6 +130,11 @@ impl Topology {
         cells
     }
 
+    /// How many cells are divided.
+    pub fn cell_count(&self) -> usize {
+        self.cells.len()
+    }
+
     /// How many copies of nodes there are.
     pub fn copy_count(&self) -> usize {
         self.copies.len()

@@ -257,6 +257,8 @@ impl State {
         let taken = taken.and_then(|()| self.solver.set_flags(&flags, self.body.stable_dt));
         self.heed(taken)?;
         self.show(surfaces);
+        self.statistics.divided_cells = made.topology.cell_count() as u64;
+        self.statistics.copies = made.topology.copy_count() as u64;
         Ok(Some((made, change.cells.len())))
     }
 

@@ -194,7 +194,9 @@ impl State {
         }
         self.statistics.steps += 1;
         self.publish_forces(dt * f64::from(substeps), false)?;
+        let begun = Instant::now();
         self.cut_with_blades();
+        self.statistics.cut_wall_s = begun.elapsed().as_secs_f64();
         let wall = asked.elapsed().as_secs_f64();
         self.latency.note(wall);
         self.statistics.step_device_s = self.report.device_s;

@@ -53,6 +53,12 @@ pub struct Statistics {
     pub dropped_s: f64,
     /// Events that nobody read in time.
     pub dropped_events: u64,
+    /// Wall-clock time that cutting took in the last step, in seconds; part of [`Self::step_wall_s`].
+    pub cut_wall_s: f64,
+    /// Cells that cuts have divided.
+    pub divided_cells: u64,
+    /// Copies of nodes that cuts have made.
+    pub copies: u64,
     /// Bytes copied between the host and the GPU since creation, that included; on the processor only the meshless model's rows, to where steps read them.
     pub copied: Copied,
 }

@@ -43,6 +43,12 @@ impl Canvas {
         Ok(Self { pixmap, font })
     }
 
+    /// Red, green and blue of every pixel in sRGB `[height × width × 3]`.
+    #[allow(dead_code)]
+    pub fn rgb(&self) -> Vec<u8> {
+        self.pixmap.pixels().iter().flat_map(|p| [p.red(), p.green(), p.blue()]).collect()
+    }
+
     /// Writes a PNG file.
     pub fn save(&self, path: &Path) -> anyhow::Result<()> {
         self.pixmap.save_png(path).with_context(|| format!("cannot write {}", path.display()))

@@ -241,6 +241,12 @@ pub struct plp_statistics {
     pub cg_iterations: u32,
     /// 0.
     pub reserved: u32,
+    /// Wall-clock time that cutting took in the last step, in seconds; part of step_wall_s.
+    pub cut_wall_s: f64,
+    /// Cells that cuts have divided.
+    pub divided_cell_count: u64,
+    /// Copies of nodes that cuts have made, of the room of plp_sim_desc.cut_nodes.
+    pub copy_count: u64,
 }
 
 // SAFETY: repr(C), 8-byte fields and two pairs of 4-byte ones.

@@ -13,7 +13,8 @@ use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become two images.
-const IMAGES: [&str; 8] = ["lattice", "sleep", "near", "contact", "outside", "surface", "report", "efg"];
+const IMAGES: [&str; 10] =
+    ["lattice", "pieces", "sleep", "near", "contact", "outside", "surface", "report", "efg", "cut"];
 /// What they include.
 const HEADERS: [&str; 16] = [
     "block.cuh",

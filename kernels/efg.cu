@@ -37,18 +37,6 @@ struct Run {
     bool has_contact = false;
     double noise = 0.0;
 
-    // Adds to A times a field what rows make of it. Gives this thread's part of the product of that with the field.
-    __device__ double add_rows(const void* of, void* to) const {
-        double work = 0.0;
-        if (w.e.row_count == 0) return work;
-        w.for_each_brick([&](uint32_t brick) {
-            const V3<R> more = w.product_of_rows(of, brick);
-            w.put(to, brick, plus(w.get(to, brick), more, R(1)));
-            work += double(dot(w.get(of, brick), more));
-        });
-        return work;
-    }
-
     // The residual of x, and that preconditioned; r·r and r·z of this thread's nodes. A x is known, or is found.
     __device__ void renew(bool is_known, Sums& sums) const {
         const Efg& e = w.e;
@@ -57,12 +45,13 @@ struct Run {
                 V3<R> own;
                 w.put(e.ax, brick, w.product_of(e.x, brick, own));
             });
-            add_rows(e.x, e.ax);
+            // What rows give is still that of x where A x is known.
+            w.give_of_rows(e.x, R(-1), false);
         }
         if (has_contact && !w.is_worker) press.touch(e.x, true);
         meet(w.grid);
         w.for_each_brick([&](uint32_t brick) {
-            const V3<R> more = w.touched(c, has_contact, brick), b = w.get(e.b, brick), ax = w.get(e.ax, brick);
+            const V3<R> more = w.added(c, has_contact, brick), b = w.get(e.b, brick), ax = w.get(e.ax, brick);
             const V3<R> r = w.free({b.x - ax.x - more.x, b.y - ax.y - more.y, b.z - ax.z - more.z}, brick), z = w.precondition(r, brick);
             w.put(e.r, brick, r);
             w.put(e.z, brick, z);
@@ -79,7 +68,7 @@ struct Run {
             w.put(w.e.w, brick, az);
             sums.numbers[2] += double(dot(z, az));
         });
-        sums.numbers[2] += add_rows(w.e.z, w.e.w);
+        sums.numbers[2] += w.give_of_rows(w.e.z, R(-1), false);
         if (has_contact && !w.is_worker) sums.numbers[2] += press.touch(w.e.z, false);
     }
 
@@ -88,7 +77,7 @@ struct Run {
         const Efg& e = w.e;
         const R alpha = R(along), beta = R(before);
         w.for_each_brick([&](uint32_t brick) {
-            const V3<R> more = w.touched(c, has_contact, brick), az = w.get(e.w, brick);
+            const V3<R> more = w.added(c, has_contact, brick), az = w.get(e.w, brick);
             V3<R> p = w.get(e.z, brick), s{az.x + more.x, az.y + more.y, az.z + more.z};
             if (before != 0.0) {
                 p = plus(p, w.get(e.p, brick), beta);
@@ -183,6 +172,7 @@ __device__ void carry(const Worker<R>& w, const Contact& c, bool has_contact) {
             const uint32_t carrier = w.carrier_of(c, has_contact, node.slot);
             V3<R> j = plus(vector_of<R>(e.ax, node.slot), vector_of<R>(e.b, node.slot), R(-1));
             if (carrier != ~0u) j = plus(j, w.touched_on(carrier), R(1));
+            if (e.row_count) j = plus(j, given_by_rows<R>(e, node.slot), R(1));
             const Vec arm = rotate(view.turn, vec(node.place)), impulse{float(j.x), float(j.y), float(j.z)}, moment = cross(arm, impulse);
             force[0] -= j.x, force[1] -= j.y, force[2] -= j.z;
             rest[0] -= moment.x, rest[1] -= moment.y, rest[2] -= moment.z;

@@ -123,6 +123,20 @@ __device__ __forceinline__ float cell_force(const float4* u, int low, float volu
     return dj;
 }
 
+// Visits what pieces of divided cells give to a node of a brick: the corner by which they hang on it, and that.
+template <class Visit>
+__device__ __forceinline__ void for_each_piece(const Pass& pass, uint32_t brick, uint32_t node, Visit visit) {
+    const uint32_t place = pass.piece_bricks ? pass.piece_bricks[brick] : NO_PLACE;
+    if (place == NO_PLACE) return;
+    const Pieces& pieces = *pass.pieces;
+    const uint32_t* const start = pieces.starts + size_t(place) * BRICK_NODES + node;
+#pragma unroll 1
+    for (uint32_t i = start[0]; i < start[1]; ++i) {
+        const uint32_t hung = pieces.hung[i];
+        visit(hung % 8, pieces.given[hung]);
+    }
+}
+
 // The largest of positive numbers in a warp.
 __device__ __forceinline__ float warp_max(float x) {
 #pragma unroll
@@ -246,6 +260,10 @@ __device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, 
         }
     }
 
+    // What pieces of divided cells give, and weigh.
+    for_each_piece(pass, brick, node, [&](uint32_t, const float4& given) { f.x += given.x, f.y += given.y, f.z += given.z; });
+    mass += kg_of_pieces(pass, slot);
+
     // Move.
     const Step& step = *pass.step;
     const float dt = step.dt, inverse = mass > 0.0f ? 1.0f / mass : 0.0f;
@@ -281,6 +299,11 @@ __device__ __forceinline__ void advance(const Pass& pass, const uint32_t brick, 
             const float lx = n.x - own.x + (i == 0 ? h : 0.0f), ly = n.y - own.y + (i == 1 ? h : 0.0f), lz = n.z - own.z + (i == 2 ? h : 0.0f);
             if (beside[i]) strain = fmaxf(strain, fabsf(elongation(lx * lx + (ly * ly + lz * lz), h)));
         }
+        for_each_piece(pass, brick, node, [&](uint32_t corner, const float4& given) {
+            if (corner == 0) strain = fmaxf(strain, given.w);
+            if (corner == 1) swelling = fmaxf(swelling, given.w);
+            if (corner == 2) shrinking = fmaxf(shrinking, given.w);
+        });
         const Mark mine{warp_max(speed2), warp_max(acceleration2), warp_sum(mass * speed2), warp_max(strain), warp_max(swelling), warp_max(shrinking)};
         if (lane == 0) marks[node / 32] = mine;
         __syncthreads();

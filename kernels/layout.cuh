@@ -106,6 +106,29 @@ struct Report {
     uint32_t sequence;
 };
 
+// A piece of a divided cell: the slots of its eight nodes, its material, and its share of the cell's volume.
+struct Piece {
+    uint32_t nodes[8];
+    uint32_t material;
+    float volume;
+};
+
+// Bricks on which no piece hangs, and those with no node in a row, among places of those with one.
+constexpr uint32_t NO_PLACE = ~0u;
+
+// Pieces of divided cells. Nodes of bricks that they hang on have places of their own, 128 for each such brick.
+struct Pieces {
+    uint32_t count;
+    const Piece* all;
+    // What each gives to its nodes, in N; in the last word of those to the first three its strain, J − 1 and 1 − J.
+    float4* given;  // [count][8]
+    // Where each node's pieces begin, and one more; and those, times 8, with the corner by which they hang on it.
+    const uint32_t* starts;
+    const uint32_t* hung;
+    // What pieces weigh at each node.
+    const float* kg;
+};
+
 // Bricks that a kernel advances: all of them; or first those near tools, which contact follows, and then, while contact is at work, the rest.
 enum Share { WHOLE, FIRST, REST };
 
@@ -139,6 +162,9 @@ struct Pass {
     uint8_t* acted_on;      // [bricks + 1]
     uint32_t* near_bricks;  // [bricks]
     uint32_t* near_counts;  // [SLEEP_COUNTS]
+    // Once cells were divided: the places of bricks among those that pieces hang on, and the pieces; null before.
+    const uint32_t* piece_bricks;  // [bricks + 1]
+    const Pieces* pieces;
 };
 
 // Which bricks sleep. What stands for every brick that is not there sleeps for ever.
@@ -156,6 +182,13 @@ struct Sleep {
 
 // Place of a slot's velocity along x; y and z follow at distances of BRICK_NODES.
 PLP_LAW size_t velocity_at(uint32_t slot) { return size_t(slot / BRICK_NODES) * (3 * BRICK_NODES) + slot % BRICK_NODES; }
+
+// What pieces of divided cells weigh at a node.
+PLP_LAW float kg_of_pieces(const Pass& pass, uint32_t slot) {
+    if (!pass.piece_bricks) return 0.0f;
+    const uint32_t place = pass.piece_bricks[slot / BRICK_NODES];
+    return place == NO_PLACE ? 0.0f : pass.pieces->kg[size_t(place) * BRICK_NODES + slot % BRICK_NODES];
+}
 
 // A node that loads push.
 struct Pushed {
@@ -342,7 +375,6 @@ struct Surface {
     const float* rest;           // [3 * vertices]
     const uint32_t* row_nodes;   // [8 * vertices]
     const float* row_weights;    // [8 * vertices]
-    const uint32_t* cells;       // [8 * vertices]; ~0 where there is none
     const uint32_t* triangles;   // [3 * triangles]
     const uint32_t* triangle_starts;
     const uint32_t* triangle_of;
@@ -425,6 +457,35 @@ struct RowPlace {
     uint32_t row, entry;
 };
 
+// A node that a cut has made, and the one that it was.
+struct Birth {
+    uint32_t slot, from;
+};
+
+// A node that has other whole cells around it.
+struct Reworded {
+    uint32_t slot, word;
+};
+
+// A row that is turned as another one, or as the cell that starts at a slot.
+struct Turned {
+    uint32_t row, from, is_row;
+};
+
+// What a cut changes of the nodes.
+struct Cut {
+    uint32_t births, words, turns;
+    const Birth* born;
+    const Reworded* reworded;
+    const Turned* turned;
+    // Displacements and words, and fields of three numbers for each node; null where there are fewer.
+    float4* u[2];
+    void* vectors[2];
+    // Of cells, and of rows.
+    const void* rotations;
+    void* row_rotations;
+};
+
 // Most numbers that blocks of a grid sum up at once.
 constexpr int GRID_NUMBERS = 4;
 
@@ -474,11 +535,15 @@ struct Efg {
     const uint32_t* near_tools;
     // When the step began, by the device's clock.
     uint64_t* started;
-    // Cells with rows of their own, and where every slot's node stands in them; see src/cpu/efg/rows.rs.
+    // Cells with rows of their own; the places of bricks among those with nodes in rows; and where these nodes' parts of `row_places` begin, and one more. See
+    // src/cpu/efg/rows.rs.
     const void* row_cells;       // RowCell
-    const void* row_entries;     // RowEntry: [row_count][ROW]
-    const uint32_t* row_starts;  // [slots + 1]
+    const void* row_entries;     // RowEntry: [rows][ROW]
+    const uint32_t* row_bricks;  // [bricks]
+    const uint32_t* row_starts;
     const RowPlace* row_places;
     void *row_rotations, *row_frames;
+    // What each node of a row receives.
+    void* row_given;
     Report* report;
 };

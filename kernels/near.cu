@@ -97,7 +97,7 @@ __device__ Vec centre(uint32_t small, uint32_t division) {
 // Along the axes, and as if nothing were held: 1 / mass.
 __device__ float4 mobility_of(const Pass& pass, uint32_t slot) {
     const uint32_t word = __float_as_uint(pass.u[slot].w), flags = pass.flags[slot];
-    float mass = 0.0f;
+    float mass = kg_of_pieces(pass, slot);
     for (int corner = 0; corner < 8; ++corner) mass += pass.laws[word >> (4 * corner) & 15].corner;
     const float inverse = mass > 0.0f ? 1.0f / mass : 0.0f;
     const auto along = [&](uint32_t axis) { return flags & (axis | GRASPED) ? 0.0f : inverse; };

@@ -33,7 +33,9 @@ extern "C" __global__ void __launch_bounds__(THREADS) doze(const __grid_constant
     if (thread < SLEEP_COUNTS) sleep.counts[thread] = 0;
     if (brick >= sleep.bricks || *pass.diverged_at <= pass.substep) return;
     const uint32_t beside = pass.neighbours[brick * 27 + min(lane, 26)];
-    const bool is_kept = __any_sync(~0u, pass.near_tools[beside] || pass.acted_on[beside]);
+    // Pieces reach over to bricks that are no neighbours: where there are any, tissue stays awake.
+    const bool has_pieces = pass.piece_bricks && pass.piece_bricks[beside] != NO_PLACE;
+    const bool is_kept = __any_sync(~0u, pass.near_tools[beside] || pass.acted_on[beside] || has_pieces);
     const Mark mark = pass.marks[brick];
     const bool is_asleep = sleep.asleep[brick];
     uint32_t quiet = sleep.quiet[brick];

@@ -23,7 +23,7 @@ __device__ float largest_eigenvalue(const float m[6]) {
     return fmaxf(fabsf(largest), fabsf(smallest));
 }
 
-// Largest principal magnitude of the mean Green strain of a cell.
+// Largest principal magnitude of the mean Green strain of a cell, or of a piece of one.
 __device__ float strain_of(const Surface& s, const uint32_t corners[8]) {
     float g[3][3] = {};
     for (int corner = 0; corner < 8; ++corner) {
@@ -59,8 +59,7 @@ extern "C" __global__ void surface_positions(const __grid_constant__ Surface s) 
     }
     const Vec world = turned(s.frame, moved);
     s.positions[vertex] = make_float4(s.rest[3 * vertex] + world.x, s.rest[3 * vertex + 1] + world.y, s.rest[3 * vertex + 2] + world.z, 1.0f);
-    const uint32_t* corners = s.cells + 8 * vertex;
-    s.scalars[vertex] = !s.strain ? norm(moved) : corners[0] == ~0u ? 0.0f : strain_of(s, corners);
+    s.scalars[vertex] = s.strain ? strain_of(s, s.row_nodes + 8 * vertex) : norm(moved);
 }
 
 extern "C" __global__ void surface_normals(const __grid_constant__ Surface s) {

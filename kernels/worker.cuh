@@ -197,11 +197,6 @@ struct Worker {
         return {heavy * own.x - sum.x, heavy * own.y - sum.y, heavy * own.z - sum.z};
     }
 
-    // What rows make of that. In a loop of its own, for it asks for many registers.
-    __device__ __forceinline__ V3<R> product_of_rows(const void* field, uint32_t brick) const {
-        return plus(V3<R>{0, 0, 0}, force_of_rows(e, slot(brick), field, s.changes, Changes{}), R(-1));
-    }
-
     // Turns a cell's rotation towards how it is deformed, and gives its frame. Sees how it is deformed: largest strain, J − 1 and 1 − J.
     __device__ __forceinline__ Matrix<R> turn(Rotation<R>& q, const Matrix<R>& g, float seen[3]) const {
         const Matrix<R> f = deformation(g);
@@ -241,13 +236,63 @@ struct Worker {
         meet_team(team);
     }
 
-    // And those of cells with rows of their own.
+    // Visits rows, each by eight threads side by side: their number, and how many nodes they see. All threads of a warp visit as many; those without a row see none.
+    template <class Visit>
+    __device__ __forceinline__ void for_each_row(Visit visit) const {
+        if (!is_worker) return;
+        const uint32_t warps = blockDim.x / 32;
+#pragma unroll 1
+        for (uint32_t first = 4 * (threadIdx.x / 32 * workers + blockIdx.x); first < e.row_count; first += 4 * warps * workers) {
+            const uint32_t row = first + lane / 8;
+            const bool is_there = row < e.row_count;
+            visit(is_there ? row : 0, is_there ? row_cell<R>(e, row).length : 0);
+            // What any of them wrote all may read.
+            __syncwarp();
+        }
+    }
+
+    // Finds the frames of cells with rows of their own, and what these give at the start of a step.
     __device__ void look_at_rows(float seen[3]) const {
-        for_each(e.row_count, [&](uint32_t row) {
-            Rotation<R>& q = static_cast<Rotation<R>*>(e.row_rotations)[row];
-            const Matrix<R> turned = turn(q, row_motion<R>(e, row, e.u).gradient, seen);
+        for_each_row([&](uint32_t row, uint32_t length) {
+            const RowMotion<R> motion = row_motion<R>(e, row, length, e.u);
+            Rotation<R>& known = static_cast<Rotation<R>*>(e.row_rotations)[row];
+            Rotation<R> q = known;
+            float of_row[3] = {};
+            const Matrix<R> turned = turn(q, motion.gradient, of_row);
+            const RowCell<R> cell = row_cell<R>(e, row);
+            const Moduli<R> by = s.forces[cell.material];
+            const Matrix<R> stress = Forces{step.elasticity}(motion.gradient, turned, by);
+            for (uint32_t n = lane % 8; n < length; n += 8) {
+                row_given<R>(e, row, n) = row_force(e, cell, row_entry<R>(e, row, n), e.u, motion, stress, by.hourglass);
+            }
+            // All have read how it was turned before.
+            __syncwarp();
+            if (length == 0) return;
+            for (int i = 0; i < 3; ++i) seen[i] = fmaxf(seen[i], of_row[i]);
+            if (lane % 8 > 0) return;
+            if (step.elasticity == COROTATED) known = q;
             if (step.elasticity != LINEAR) row_frame<R>(e, row) = turned;
         });
+        if (step.is_paper) give_of_rows(e.v, R(-1) / R(step.dt), true);
+    }
+
+    // How what rows give changes with a field, times a factor; `adds` says whether to what they give already. Gives the product of that with the field.
+    __device__ double give_of_rows(const void* field, R factor, bool adds) const {
+        double work = 0.0;
+        for_each_row([&](uint32_t row, uint32_t length) {
+            const RowMotion<R> motion = row_motion<R>(e, row, length, field);
+            const RowCell<R> cell = row_cell<R>(e, row);
+            const Moduli<R> by = s.changes[cell.material];
+            const Matrix<R> stress = stress_change(row_frame<R>(e, row), motion.gradient, by.mu, by.lambda);
+            for (uint32_t n = lane % 8; n < length; n += 8) {
+                const RowEntry<R>& entry = row_entry<R>(e, row, n);
+                const V3<R> force = row_force(e, cell, entry, field, motion, stress, by.hourglass);
+                V3<R>& given = row_given<R>(e, row, n);
+                given = plus(adds ? given : V3<R>{0, 0, 0}, force, factor);
+                work += double(factor) * double(dot(vector_of<R>(field, entry.slot), force));
+            }
+        });
+        return work;
     }
 
     // Builds a brick's part of the system, but for loads, regions and contact. Gives what rounding of displacements makes of b, squared, in units of the
@@ -256,7 +301,7 @@ struct Worker {
         const uint32_t near = around(brick);
         const V3<R> u = stage(e.u, brick, near), v = get(e.v, brick);
         V3<R> force = gather(near, s.forces, Forces{step.elasticity});
-        if (e.row_count) force = plus(force, force_of_rows(e, slot(brick), e.u, s.forces, Forces{step.elasticity}), R(1));
+        if (e.row_count) force = plus(force, given_by_rows<R>(e, slot(brick)), R(1));
 
         // What the eight cells around the node make of its own motion.
         const int x = node % BRICK_X, y = node / BRICK_X % BRICK_Y, z = node / (BRICK_X * BRICK_Y);
@@ -288,7 +333,6 @@ struct Worker {
         if (step.is_paper) {
             V3<R> own;
             b = plus(b, product_of(e.v, brick, own), R(1));
-            if (e.row_count) b = plus(b, product_of_rows(e.v, brick), R(1));
         }
         put(e.b, brick, b);
         // What is held stays, unless it is told to move.
@@ -359,10 +403,11 @@ struct Worker {
         return {at[0], at[1], at[2]};
     }
 
-    // And at this thread's node.
-    __device__ __forceinline__ V3<R> touched(const Contact& c, bool has_contact, uint32_t brick) const {
+    // And what contact and rows add at this thread's node.
+    __device__ __forceinline__ V3<R> added(const Contact& c, bool has_contact, uint32_t brick) const {
         const uint32_t carrier = carrier_of(c, has_contact, slot(brick));
-        return carrier == ~0u ? V3<R>{0, 0, 0} : touched_on(carrier);
+        const V3<R> touched = carrier == ~0u ? V3<R>{0, 0, 0} : touched_on(carrier);
+        return e.row_count ? plus(touched, given_by_rows<R>(e, slot(brick)), R(1)) : touched;
     }
 
     __device__ __forceinline__ V3<R> precondition(const V3<R>& r, uint32_t brick) const {

@@ -2,6 +2,8 @@
 
 #[path = "cuda/changes.rs"]
 mod changes;
+#[path = "cuda/cutting.rs"]
+mod cutting;
 #[path = "cuda/efg.rs"]
 mod efg;
 #[path = "support/gpu.rs"]
@@ -199,10 +201,12 @@ fn a_step_says_how_long_the_gpu_worked_and_reading_nodes_what_was_copied() {
     assert_eq!(grown(0, 1), grown(1, 2), "each step copies as much as the next");
     assert!(grown(0, 1).0 > 0 && grown(0, 1).1 > 0);
 
-    // Four numbers of displacement and three of velocity for each of a brick's 8 × 4 × 4 places.
-    sim.nodes(NodeField::Displacement);
-    let read = sim.statistics().copied.to_host - copied[2].to_host;
-    assert_eq!(read, sim.statistics().awake_bricks * 128 * 28);
+    // Four numbers of displacement, or three of velocity, for each of a brick's 8 × 4 × 4 places; once after a step.
+    for (field, bytes) in [(NodeField::Displacement, 16), (NodeField::Velocity, 28)] {
+        [(); 2].map(|()| sim.nodes(field));
+        let read = sim.statistics().copied.to_host - copied[2].to_host;
+        assert_eq!(read, sim.statistics().awake_bricks * 128 * bytes);
+    }
 }
 
 /// Presses a tool with a tip of this radius into the top of the model and strokes it, on the processor and twice on the GPU. Gives the

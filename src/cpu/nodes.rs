@@ -210,13 +210,22 @@ impl Bricks {
         }
     }
 
+    /// Materials of the whole cells around the node in a slot, as in [`Lattice::words`](crate::model::lattice::Lattice::words); 0 for copies.
+    pub fn word(&self, slot: u32) -> u32 {
+        let words = self.cut.as_ref().map_or_else(|| self.model.lattice().words(), |cut| &cut.words);
+        words.get(slot as usize).copied().unwrap_or_default()
+    }
+
+    /// What those weigh at it, given the corner mass of each material.
+    pub fn whole_mass(&self, slot: u32, corner_kg: impl Fn(u8) -> f64) -> f64 {
+        let word = self.word(slot);
+        (0..8).map(|c| (word >> (4 * c) & 15) as u8).filter(|&m| m != 0).map(corner_kg).sum()
+    }
+
     /// Mass of the node in a slot, given the corner mass of each material.
     pub fn node_mass(&self, slot: u32, corner_kg: impl Fn(u8) -> f64) -> f64 {
-        let Some(cut) = &self.cut else { return self.model.lattice().node_mass(slot, corner_kg) };
-        let word = cut.words.get(slot as usize).copied().unwrap_or_default();
-        let whole = (0..8).map(|c| (word >> (4 * c) & 15) as u8).filter(|&material| material != 0);
-        let pieces = cut.shares.get(&slot).into_iter().flatten();
-        whole.map(&corner_kg).sum::<f64>()
+        let pieces = self.cut.as_ref().and_then(|cut| cut.shares.get(&slot)).into_iter().flatten();
+        self.whole_mass(slot, &corner_kg)
             + pieces.map(|&(material, share)| corner_kg(material) * share).sum::<f64>()
     }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
 
+use super::kept::Kept;
 use super::kernels::{Kernels, SurfaceKernels};
 use super::layout::{
     self, COUNTS, Carrier, Load, MAX_COUPLED, MAX_POINTS, MAX_ROW, MAX_SITES, Moment, Part, Pass, Step,
@@ -14,10 +15,12 @@ use super::layout::{
 };
 use super::memory::{Buffer, Pinned, Stream};
 use super::pointer;
+use super::surface::room_of;
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
-use crate::model::surface::ROW;
+use crate::model::lattice::BRICK_SLOTS;
+use crate::model::surface::{ROW, Row, Surface};
 use crate::sim::MAX_TOOLS;
 use crate::solver::tool::{Contact, MAX_PARTS, ToolPath};
 use crate::solver::{StepPlan, ToolStep};
@@ -89,10 +92,11 @@ impl List {
     }
 }
 
-/// The contact surface of a model on the device.
+/// The contact surface of a simulation on the device.
 #[derive(Debug)]
 pub struct ContactSurface {
-    model: Arc<Model>,
+    cell_m: f64,
+    surface: Arc<Surface>,
     /// The longest of all edges at rest, in m.
     longest_edge: f32,
     /// Largest Σ |w| of a vertex: how much further than a node it may move.
@@ -102,13 +106,13 @@ pub struct ContactSurface {
     list: List,
     vertices: u32,
     triangles: u32,
-    rest: Buffer<[f32; 3]>,
-    row_nodes: Buffer<[u32; ROW]>,
-    row_weights: Buffer<[f32; ROW]>,
-    corners: Buffer<[u32; 3]>,
+    rest: Kept<[f32; 3]>,
+    row_nodes: Kept<[u32; ROW]>,
+    row_weights: Kept<[f32; ROW]>,
+    corners: Kept<[u32; 3]>,
     parts: Buffer<Part>,
-    triangle_edges: Buffer<f32>,
-    vertex_edges: Buffer<f32>,
+    triangle_edges: Kept<f32>,
+    vertex_edges: Kept<f32>,
     near_bits: Buffer<u32>,
     near: Buffer<u32>,
     near_starts: Buffer<u32>,
@@ -161,49 +165,34 @@ pub struct Plan {
 }
 
 impl ContactSurface {
-    /// Prepares the contact surface of a model.
-    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+    /// Prepares the contact surface of a model, with room for what cuts make of it that copy so many nodes.
+    pub fn new(model: &Arc<Model>, copies: usize, stream: &Arc<Stream>) -> Result<Self> {
         let (surface, lattice) = (&model.surfaces()[model.contact_surface()], model.lattice());
-        let vertices = surface.positions.len();
-        let rest: Vec<[f32; 3]> =
-            surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect();
-
-        let edges = surface.edges();
-        let lever = surface
-            .rows
-            .iter()
-            .map(|row| row.weights.iter().map(|w| f64::from(w.abs())).sum())
-            .fold(1.0, f64::max);
-        let row_reach = surface
-            .rows
-            .iter()
-            .zip(&surface.positions)
-            .flat_map(|(row, p)| row.nodes.iter().zip(&row.weights).map(move |(&node, &w)| (node, w, p)))
-            .filter(|&(_, weight, _)| weight != 0.0)
-            .map(|(node, _, p)| (lattice.rest_position(node) - p).norm())
-            .fold(0.0, f64::max);
-        let words = vertices.div_ceil(32) + surface.triangles.len().div_ceil(32);
+        let [vertices, triangles] = room_of(surface, copies);
+        let words = vertices.div_ceil(32) + triangles.div_ceil(32);
         let rows = MAX_ROW * MAX_SITES;
-        let carrier_at = Buffer::zeros(stream, lattice.slot_count())?;
+        let carrier_at = Buffer::zeros(stream, lattice.slot_count() + copies.next_multiple_of(BRICK_SLOTS))?;
         carrier_at.fill(NONE)?;
-        Ok(Self {
-            longest_edge: edges.of_triangles.iter().copied().fold(0.0, f32::max),
-            lever,
-            row_reach,
+        let mut contact = Self {
+            cell_m: lattice.cell_m(),
+            surface: surface.clone(),
+            longest_edge: 0.0,
+            lever: 1.0,
+            row_reach: 0.0,
             list: List { divides: false, zones: Vec::with_capacity(MAX_TOOLS), reach: 0.0, spare: NEVER },
-            vertices: vertices as u32,
-            triangles: surface.triangles.len() as u32,
-            rest: Buffer::of(stream, &rest)?,
-            row_nodes: Buffer::of(stream, &surface.rows.iter().map(|row| row.nodes).collect::<Vec<_>>())?,
-            row_weights: Buffer::of(stream, &surface.rows.iter().map(|row| row.weights).collect::<Vec<_>>())?,
-            corners: Buffer::of(stream, &surface.triangles)?,
+            vertices: 0,
+            triangles: 0,
+            rest: Kept::of(stream, Vec::new(), vertices)?,
+            row_nodes: Kept::of(stream, Vec::new(), vertices)?,
+            row_weights: Kept::of(stream, Vec::new(), vertices)?,
+            corners: Kept::of(stream, Vec::new(), triangles)?,
             parts: Buffer::zeros(stream, MAX_TOOLS * MAX_PARTS)?,
-            triangle_edges: Buffer::of(stream, &edges.of_triangles)?,
-            vertex_edges: Buffer::of(stream, &edges.of_vertices)?,
+            triangle_edges: Kept::of(stream, Vec::new(), triangles)?,
+            vertex_edges: Kept::of(stream, Vec::new(), vertices)?,
             near_bits: Buffer::zeros(stream, words)?,
             near: Buffer::zeros(stream, MAX_SITES)?,
             near_starts: Buffer::zeros(stream, MAX_SITES)?,
-            divisions: Buffer::zeros(stream, surface.triangles.len())?,
+            divisions: Buffer::zeros(stream, triangles)?,
             counts: Buffer::zeros(stream, COUNTS)?,
             site_rest: Buffer::zeros(stream, MAX_SITES)?,
             site_own: Buffer::zeros(stream, MAX_SITES)?,
@@ -231,8 +220,32 @@ impl ContactSurface {
             are_told: false,
             known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
-            model: model.clone(),
-        })
+        };
+        contact.renew(surface, |slot| lattice.rest_position(slot))?;
+        Ok(contact)
+    }
+
+    /// Takes another surface, that a cut has made of the one before. Nodes are at `rest` before they move, copies where what they are copies of is. All contacts are forgotten.
+    pub fn renew(&mut self, surface: &Arc<Surface>, rest: impl Fn(u32) -> Vec3) -> Result<()> {
+        self.surface = surface.clone();
+        self.touching = 0;
+        self.lose_track();
+        let edges = surface.edges();
+        self.longest_edge = edges.of_triangles.iter().copied().fold(0.0, f32::max);
+        let lever = |row: &Row| row.weights.iter().map(|w| f64::from(w.abs())).sum();
+        self.lever = surface.rows.iter().map(lever).fold(1.0, f64::max);
+        let nodes = surface.rows.iter().zip(&surface.positions).flat_map(|(row, p)| {
+            let carries = row.nodes.iter().zip(&row.weights).filter(|(_, weight)| **weight != 0.0);
+            carries.map(move |(&node, _)| (node, p))
+        });
+        self.row_reach = nodes.map(|(node, p)| (rest(node) - p).norm()).fold(0.0, f64::max);
+        (self.vertices, self.triangles) = (surface.positions.len() as u32, surface.triangles.len() as u32);
+        self.rest.set(surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect())?;
+        self.row_nodes.set(surface.rows.iter().map(|row| row.nodes).collect())?;
+        self.row_weights.set(surface.rows.iter().map(|row| row.weights).collect())?;
+        self.corners.set(surface.triangles.clone())?;
+        self.triangle_edges.set(edges.of_triangles)?;
+        self.vertex_edges.set(edges.of_vertices)
     }
 
     /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know.
@@ -280,7 +293,7 @@ impl ContactSurface {
             self.lose_track();
         }
         step.tool_count = tools.len() as u32;
-        step.push_limit = (PUSH_LIMIT * self.model.lattice().cell_m()) as f32;
+        step.push_limit = (PUSH_LIMIT * self.cell_m) as f32;
         Ok((moves.min(MAX_MOVES) as u32, divides, reach))
     }
 
@@ -301,7 +314,7 @@ impl ContactSurface {
             self.list.spare -= way;
             return 0;
         }
-        let cell = self.model.lattice().cell_m();
+        let cell = self.cell_m;
         let lists = (way / (LONGEST_WAY * cell)).ceil().clamp(1.0, f64::from(substeps)) as u32;
         step.margin = (way / f64::from(lists) + reach + ROOM * cell) as f32;
         (self.list.divides, self.list.reach) = (divides, reach);
@@ -475,7 +488,7 @@ impl ContactSurface {
     /// Shows the contacts of one tool in the last substep, model frame; `origin` is where it is.
     pub fn show(&self, tool: u32, origin: Vec3, dt: f64, show: &mut dyn FnMut(Contact)) -> Result<()> {
         let untold = self.untold()?;
-        let surface = &self.model.surfaces()[self.model.contact_surface()];
+        let surface = &self.surface;
         let first_triangle = self.first_triangle();
         // Which of a triangle's points it is stays with the device.
         let lies = move |element: u32| match element.checked_sub(first_triangle) {

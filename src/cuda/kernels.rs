@@ -34,6 +34,7 @@ macro_rules! image {
 }
 
 const LATTICE: Image = image!("lattice");
+const PIECES: Image = image!("pieces");
 const SLEEP: Image = image!("sleep");
 const NEAR: Image = image!("near");
 const CONTACT: Image = image!("contact");
@@ -41,6 +42,7 @@ const SURFACE: Image = image!("surface");
 const OUTSIDE: Image = image!("outside");
 const REPORT: Image = image!("report");
 const EFG: Image = image!("efg");
+const CUT: Image = image!("cut");
 
 /// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
 const READS_FATBIN: i32 = 13_000;
@@ -177,10 +179,12 @@ pub struct EfgKernels {
     pub surfaces: SurfaceKernels,
     /// One implicit step.
     pub step: Kernel,
+    /// What a cut changes of the nodes.
+    pub cut: Kernel,
     /// Its blocks and their threads.
     pub blocks: u32,
     pub threads: u32,
-    _module: Module,
+    _modules: [Module; 2],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -194,6 +198,9 @@ pub struct Kernels {
     /// One substep, of all bricks and of those that are awake.
     pub substep: Kernel,
     pub substep_awake: Kernel,
+    /// Pieces of divided cells, before it; and what a cut changes of the nodes.
+    pub pieces: Kernel,
+    pub cut: Kernel,
     /// Who sleeps, and the list of those who do not.
     pub doze: Kernel,
     pub muster: Kernel,
@@ -208,7 +215,7 @@ pub struct Kernels {
     pub halt: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 5],
+    _modules: [Module; 7],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -225,6 +232,7 @@ impl Kernels {
         let module = |image: Image| Module::load(device, &image.of_version(version));
         let (lattice, sleep, contact) = (module(LATTICE)?, module(SLEEP)?, module(CONTACT)?);
         let (outside, report) = (module(OUTSIDE)?, module(REPORT)?);
+        let (pieces, cut) = (module(PIECES)?, module(CUT)?);
         let [substep, substep_awake] = match (volumetric, damped) {
             (false, false) => [c"lattice_plain", c"lattice_plain_awake"],
             (true, false) => [c"lattice_volume", c"lattice_volume_awake"],
@@ -234,6 +242,8 @@ impl Kernels {
         Ok(Self {
             substep: lattice.overlapping_function(substep)?,
             substep_awake: lattice.overlapping_function(substep_awake)?,
+            pieces: pieces.overlapping_function(c"pieces")?,
+            cut: cut.function(c"cut_single")?,
             doze: sleep.function(c"doze")?,
             muster: sleep.function(c"muster")?,
             contact: contact.overlapping_function(c"contact")?.sharing(device, CONTACT_SHARED_BYTES)?,
@@ -244,7 +254,7 @@ impl Kernels {
             halt: outside.function(c"halt")?,
             report: report.function(c"report")?,
             surfaces: SurfaceKernels::load(version, device)?,
-            _modules: [lattice, sleep, contact, outside, report],
+            _modules: [lattice, pieces, sleep, contact, outside, report, cut],
         })
     }
 }
@@ -266,17 +276,20 @@ impl SurfaceKernels {
     }
 }
 
-/// A precision in which the meshless model runs on a GPU: its kernel, and the fewest and the most teams of threads in its blocks.
+/// A precision in which the meshless model runs on a GPU: its kernels, and the fewest and the most teams of threads in its blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Precision {
     pub number_bytes: usize,
     pub kernel: &'static CStr,
+    pub cut: &'static CStr,
     pub teams: [u32; 2],
 }
 
 /// Single and double.
-pub const SINGLE: Precision = Precision { number_bytes: 4, kernel: c"efg_single", teams: [4, 6] };
-pub const DOUBLE: Precision = Precision { number_bytes: 8, kernel: c"efg_double", teams: [2, 4] };
+pub const SINGLE: Precision =
+    Precision { number_bytes: 4, kernel: c"efg_single", cut: c"cut_single", teams: [4, 6] };
+pub const DOUBLE: Precision =
+    Precision { number_bytes: 8, kernel: c"efg_double", cut: c"cut_double", teams: [2, 4] };
 
 impl Precision {
     /// Bytes that a block of so many teams is given to share.
@@ -302,14 +315,16 @@ impl EfgKernels {
             .ok_or_else(|| {
                 Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
             })?;
-        let module = Module::load(device, &EFG.of_version(version))?;
+        let [module, cut] = [EFG, CUT].map(|image| Module::load(device, &image.of_version(version)));
+        let (module, cut) = (module?, cut?);
         Ok(Self {
+            cut: cut.function(precision.cut)?,
             step: module.function_together(precision.kernel, precision.shared_bytes(teams))?,
             // One beside those that work on bricks.
             blocks: processors.min(bricks + 1).max(2),
             threads: teams * BRICK_SLOTS as u32,
             surfaces: SurfaceKernels::load(version, device)?,
-            _module: module,
+            _modules: [module, cut],
         })
     }
 }
@@ -385,7 +400,7 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 8] = [LATTICE, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT, EFG];
+    const IMAGES: [Image; 10] = [LATTICE, PIECES, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT, EFG, CUT];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -219,6 +219,30 @@ impl Default for Report {
 /// No substep went wrong.
 pub const SOUND: u32 = u32::MAX;
 
+/// A piece of a divided cell.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct Piece {
+    pub nodes: [u32; 8],
+    pub material: u32,
+    pub volume: f32,
+}
+
+/// Bricks on which no piece hangs, and those with no node in a row, among places of those with one.
+pub const NO_PLACE: u32 = u32::MAX;
+
+/// Pieces of divided cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct Pieces {
+    pub count: u32,
+    pub all: CUdeviceptr,
+    pub given: CUdeviceptr,
+    pub starts: CUdeviceptr,
+    pub hung: CUdeviceptr,
+    pub kg: CUdeviceptr,
+}
+
 /// Bricks that a kernel advances.
 pub mod share {
     pub const WHOLE: u32 = 0;
@@ -249,6 +273,8 @@ pub struct Pass {
     pub acted_on: CUdeviceptr,
     pub near_bricks: CUdeviceptr,
     pub near_counts: CUdeviceptr,
+    pub piece_bricks: CUdeviceptr,
+    pub pieces: CUdeviceptr,
 }
 
 /// Which bricks sleep.
@@ -497,7 +523,6 @@ pub struct Surface {
     pub rest: CUdeviceptr,
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,
-    pub cells: CUdeviceptr,
     pub triangles: CUdeviceptr,
     pub triangle_starts: CUdeviceptr,
     pub triangle_of: CUdeviceptr,
@@ -612,9 +637,52 @@ pub struct Efg {
     pub started: CUdeviceptr,
     pub row_cells: CUdeviceptr,
     pub row_entries: CUdeviceptr,
+    pub row_bricks: CUdeviceptr,
     pub row_starts: CUdeviceptr,
     pub row_places: CUdeviceptr,
     pub row_rotations: CUdeviceptr,
     pub row_frames: CUdeviceptr,
+    pub row_given: CUdeviceptr,
     pub report: CUdeviceptr,
+}
+
+/// A node that a cut has made, and the one that it was.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Birth {
+    pub slot: u32,
+    pub from: u32,
+}
+
+/// A node that has other whole cells around it.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Reworded {
+    pub slot: u32,
+    pub word: u32,
+}
+
+/// A row that is turned as another one, or as the cell that starts at a slot.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Turned {
+    pub row: u32,
+    pub from: u32,
+    pub is_row: u32,
+}
+
+/// What a cut changes of the nodes.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Cut {
+    pub births: u32,
+    pub words: u32,
+    pub turns: u32,
+    pub born: CUdeviceptr,
+    pub reworded: CUdeviceptr,
+    pub turned: CUdeviceptr,
+    pub u: [CUdeviceptr; 2],
+    pub vectors: [CUdeviceptr; 2],
+    pub rotations: CUdeviceptr,
+    pub row_rotations: CUdeviceptr,
 }

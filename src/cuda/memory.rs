@@ -2,6 +2,7 @@
 
 use std::ffi::c_void;
 use std::marker::PhantomData;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -51,6 +52,16 @@ unsafe impl Plain for super::layout::Motion {}
 unsafe impl Plain for super::layout::EfgLaw {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Held {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Piece {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Pieces {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Birth {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Reworded {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::Turned {}
 
 // SAFETY: see above.
 unsafe impl<R: Plain> Plain for Cell<R> {}
@@ -195,12 +206,21 @@ impl<T: Plain> Buffer<T> {
 
     /// Writes values from `first` on, and returns when the host's copy is no longer needed.
     pub fn write(&self, first: usize, values: &[T]) -> Result<()> {
-        assert!(first + values.len() <= self.count, "a write stays inside its buffer");
-        if values.is_empty() {
-            return Ok(());
-        }
+        self.write_ranges(values, [(first, 0..values.len())])
+    }
+
+    /// Writes ranges of values, each to a place of its own, and returns when the host's copy is no longer needed.
+    pub fn write_ranges(
+        &self,
+        values: &[T],
+        ranges: impl IntoIterator<Item = (usize, Range<usize>)>,
+    ) -> Result<()> {
         let device = &self.stream.device;
-        {
+        let mut is_idle = true;
+        for (first, range) in ranges.into_iter().filter(|(_, range)| !range.is_empty()) {
+            let values = &values[range];
+            assert!(first + values.len() <= self.count, "a write stays inside its buffer");
+            is_idle = false;
             let _entered = device.enter()?;
             let at = self.at + (first * size_of::<T>()) as u64;
             // SAFETY: inside the buffer as asserted; the host's values live until the wait below.
@@ -215,7 +235,7 @@ impl<T: Plain> Buffer<T> {
             device.driver.check(status, "writing to the GPU")?;
             self.stream.traffic.add_to_device(size_of_val(values));
         }
-        self.stream.wait()
+        if is_idle { Ok(()) } else { self.stream.wait() }
     }
 
     /// Writes values from the first on; where there is no room for them, to another place.

@@ -5,15 +5,18 @@
 
 mod body;
 mod contact;
+mod cut;
 pub mod device;
 mod driver;
 pub mod efg;
 mod graph;
+mod kept;
 mod kernels;
 mod layout;
 mod memory;
 mod near;
 mod outside;
+mod pieces;
 mod sleep;
 pub mod solver;
 mod state;

@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
 
+use super::body::Body;
 use super::kernels::Kernels;
 use super::layout::{self, Pass, sleepers};
 use super::memory::{Buffer, Stream};
 use super::pointer;
 use crate::cpu::sleep::{Thresholds, WAKE_FACTOR};
 use crate::error::Result;
-use crate::model::Model;
 use crate::model::lattice::BRICK_SLOTS;
 
 /// Threads of a block of both kernels, and of a brick in the first.
@@ -43,7 +43,9 @@ pub enum Plan {
 /// Which bricks sleep, on the device.
 #[derive(Debug)]
 pub struct Sleep {
+    /// Bricks that hold nodes, and how many there are with the loose ones.
     bricks: u32,
+    count: usize,
     nodes: u32,
     thresholds: Thresholds,
     acted_on: Buffer<u8>,
@@ -61,27 +63,35 @@ pub struct Sleep {
 
 impl Sleep {
     /// Everything awake, and quiet never: see [`Self::set_thresholds`].
-    pub fn new(model: &Model, stream: &Arc<Stream>) -> Result<Self> {
-        let lattice = model.lattice();
-        let bricks = lattice.bricks().len();
-        let count = |words: &[u32]| words.iter().filter(|word| **word != 0).count() as u8;
-        let nodes_in: Vec<u8> = lattice.words().chunks_exact(BRICK_SLOTS).map(count).collect();
+    pub fn new(body: &Body, stream: &Arc<Stream>) -> Result<Self> {
+        let (lattice, count) = (body.bricks.model.lattice(), body.bricks.count());
+        let held = |words: &[u32]| words.iter().filter(|word| **word != 0).count() as u8;
+        // Copies are not counted.
+        let mut nodes_in: Vec<u8> = lattice.words().chunks_exact(BRICK_SLOTS).map(held).collect();
+        nodes_in.resize(count, 0);
         let sleep = Self {
-            bricks: bricks as u32,
+            bricks: body.bricks_for(0),
+            count,
             nodes: lattice.node_count() as u32,
             thresholds: Thresholds { speed: 0.0, acceleration: 0.0 },
-            acted_on: Buffer::zeros(stream, bricks + 1)?,
-            asleep: Buffer::zeros(stream, bricks + 1)?,
-            quiet: Buffer::zeros(stream, bricks)?,
+            acted_on: Buffer::zeros(stream, count + 1)?,
+            asleep: Buffer::zeros(stream, count + 1)?,
+            quiet: Buffer::zeros(stream, count)?,
             nodes_in: Buffer::of(stream, &nodes_in)?,
-            awake: Buffer::zeros(stream, bricks)?,
-            watched: Buffer::zeros(stream, bricks)?,
+            awake: Buffer::zeros(stream, count)?,
+            watched: Buffer::zeros(stream, count)?,
             counts: Buffer::zeros(stream, sleepers::COUNTS)?,
             could_sleep: false,
             counted: None,
         };
-        sleep.asleep.write(bricks, &[NOT_THERE])?;
+        sleep.asleep.write(count, &[NOT_THERE])?;
         Ok(sleep)
+    }
+
+    /// So many bricks hold nodes from now on. All wake.
+    pub fn set_bricks(&mut self, bricks: u32) -> Result<()> {
+        self.bricks = bricks;
+        self.wake_all()
     }
 
     /// What counts as quiet in cells of this edge, in m, by the model's highest angular frequency in rad/s. Recorded steps name it.
@@ -122,7 +132,7 @@ impl Sleep {
             return Ok(());
         }
         self.asleep.clear()?;
-        self.asleep.write(self.bricks as usize, &[NOT_THERE])
+        self.asleep.write(self.count, &[NOT_THERE])
     }
 
     /// What a step counted. Gives how many bricks and nodes are awake.

@@ -19,14 +19,16 @@ use super::outside::{self, Outside};
 use super::pointer;
 use super::sleep::{self, Sleep};
 use super::state::State;
-use super::surface::SurfaceOnDevice;
+use super::surface::Surfaces;
 use super::told::Told;
 use crate::cpu::stability;
+use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::{CellLaw, most_damping};
+use crate::model::surface::Surface;
 use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
@@ -40,6 +42,8 @@ const MAX_GRAPHS: usize = 32;
 /// From so many blocks on bricks near tools advance before the others, so that contact is at work while these advance: with fewer, one more kernel
 /// takes longer than it saves. See docs/gpu.md.
 const APART_BLOCKS: u32 = 600;
+/// Threads of a block that evaluates pieces, eight for each.
+const PIECE_THREADS: u32 = 128;
 /// Blocks for the bricks near tools.
 const NEAR_BLOCKS: u32 = 128;
 
@@ -57,8 +61,7 @@ pub struct CudaSolver {
     outside: Outside,
     near: NearTools,
     sleep: Sleep,
-    /// Surfaces that were shown.
-    surfaces: Vec<Option<SurfaceOnDevice>>,
+    surfaces: Surfaces,
     /// Recorded steps by how many substeps they have, the copy of `u` that they start from, and what they do.
     graphs: HashMap<(u32, usize, Plans), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
@@ -74,7 +77,7 @@ pub struct CudaSolver {
     sequence: u32,
     stable_dt: f64,
     /// The host's copy of the nodes, where it is up to date.
-    mirror: RefCell<Option<Mirror>>,
+    mirror: RefCell<Mirror>,
     /// The first failure of a call that has no way to tell it: the state is lost.
     lost: RefCell<Option<String>>,
 }
@@ -85,32 +88,40 @@ struct Plans {
     contact: Plan,
     outside: outside::Plan,
     sleep: sleep::Plan,
+    cut: CutPlan,
 }
 
-/// Nodes as the host sees them.
-#[derive(Debug)]
+/// How cuts take part in a step: so many bricks hold nodes, and so many blocks evaluate pieces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct CutPlan {
+    bricks: u32,
+    piece_blocks: u32,
+}
+
+/// Nodes as the host sees them, each field once it was asked for.
+#[derive(Debug, Default)]
 struct Mirror {
-    u: Vec<[f32; 4]>,
-    v: Vec<f32>,
+    u: Option<Vec<[f32; 4]>>,
+    v: Option<Vec<f32>>,
 }
 
 impl CudaSolver {
-    /// The model at rest on a device.
-    pub fn new(model: &Arc<Model>, device: Arc<Device>) -> Result<Self> {
+    /// The model at rest on a device, with room for so many copies of nodes.
+    pub fn new(model: &Arc<Model>, device: Arc<Device>, copies: usize) -> Result<Self> {
         let stream = Arc::new(Stream::new(device)?);
         let laws = model.laws();
-        let body = Body::of(model);
+        let body = Body::of(model, copies);
         let (volumetric, damped) = body.asks_for();
         let kernels = Kernels::load(&stream.device, volumetric, damped)?;
         let mut solver = Self {
-            state: State::new(model, &stream)?,
+            state: State::new(&body, &stream)?,
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
-            contact: ContactSurface::new(model, &stream)?,
+            contact: ContactSurface::new(model, copies, &stream)?,
             outside: Outside::new(model, &stream)?,
-            near: NearTools::new(model.lattice().bricks().len(), &stream)?,
-            sleep: Sleep::new(model, &stream)?,
-            surfaces: model.surfaces().iter().map(|_| None).collect(),
+            near: NearTools::new(body.bricks.count(), &stream)?,
+            sleep: Sleep::new(&body, &stream)?,
+            surfaces: Surfaces::new(model, copies),
             graphs: HashMap::new(),
             speed: 0.0,
             vis_viva: 0.0,
@@ -120,7 +131,7 @@ impl CudaSolver {
             dropped_before: 0,
             sequence: 0,
             stable_dt: 0.0,
-            mirror: RefCell::new(None),
+            mirror: RefCell::default(),
             lost: RefCell::new(None),
             model: model.clone(),
             body,
@@ -136,10 +147,7 @@ impl CudaSolver {
 
     /// Back to rest.
     fn rest(&mut self) -> Result<()> {
-        let words = self.model.lattice().words();
-        let u: Vec<[f32; 4]> = words.iter().map(|&word| [0.0, 0.0, 0.0, f32::from_bits(word)]).collect();
-        self.state.u.iter().try_for_each(|copy| copy.write(0, &u))?;
-        self.state.v.iter().try_for_each(Buffer::clear)?;
+        self.state.rest(&self.body)?;
         self.state.diverged_at.fill(SOUND)?;
         self.contact.clear()?;
         self.near.clear()?;
@@ -147,7 +155,7 @@ impl CudaSolver {
         self.dropped_before = self.dropped;
         self.speed = 0.0;
         self.vis_viva = 0.0;
-        self.mirror.replace(None);
+        self.forget_nodes();
         self.stream.wait()
     }
 
@@ -181,7 +189,8 @@ impl CudaSolver {
     }
 
     /// The work of one step, in order.
-    fn work(&self, substeps: u32, start: usize, Plans { contact, outside, sleep }: Plans) -> Result<()> {
+    fn work(&self, substeps: u32, start: usize, plans: Plans) -> Result<()> {
+        let Plans { contact, outside, sleep, cut } = plans;
         let (device, stream) = (&self.stream.device, self.stream.handle);
         // SAFETY: the record stays in place as long as the solver; kernels get what they declare, of this state, which outlives the graph.
         unsafe {
@@ -207,11 +216,23 @@ impl CudaSolver {
                         }
                         (self.kernels.substep_awake, blocks)
                     }
-                    _ => (self.kernels.substep, self.state.bricks),
+                    _ => (self.kernels.substep, cut.bricks),
                 };
                 // Kernels that overlap read lists before they wait.
                 are_lists_new |= lists;
                 let first = |kernel: Kernel| if are_lists_new { kernel.alone() } else { kernel };
+                if cut.piece_blocks > 0 {
+                    let pieces = first(self.kernels.pieces);
+                    pieces.launch(
+                        device,
+                        stream,
+                        cut.piece_blocks,
+                        PIECE_THREADS,
+                        &mut [pointer(&mut pass)],
+                    )?;
+                    // Only the first kernel of a step notes when it began.
+                    pass.started = 0;
+                }
                 let apart = contact.tools > 0
                     && outside.is_idle()
                     && self.kernels.contact.overlaps()
@@ -246,8 +267,7 @@ impl CudaSolver {
                 if let Some(since) = look {
                     self.sleep.decide(&self.kernels, &self.stream, &mut pass, since)?;
                 }
-                let State { bricks, step, .. } = &self.state;
-                outside.settle(&self.kernels, &self.stream, &mut pass, *bricks, step.at())?;
+                outside.settle(&self.kernels, &self.stream, &mut pass, cut.bricks, self.state.step.at())?;
             }
             let (mut marks, mut quads) = (self.state.marks.at(), self.state.marks.bytes() as u32 / 16);
             let (mut step, mut flag) = (self.state.step.at(), self.state.diverged_at.at());
@@ -286,9 +306,10 @@ impl CudaSolver {
         self.state.v.iter().try_for_each(Buffer::clear)?;
         // From rest, one second at constant acceleration leaves a velocity of that size.
         let sequence = self.next_sequence();
-        self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, Plans::default())?;
+        let plans = Plans { cut: self.cut_plan(), ..Plans::default() };
+        self.ask(Step { dt: 1.0, sequence, ..Step::default() }, 1, plans)?;
         self.report.wait(&self.stream, sequence)?;
-        let mut a = vec![0.0; self.state.bricks as usize * 3 * BRICK_SLOTS];
+        let mut a = vec![0.0; 3 * self.body.slot_count()];
         self.state.v[1 % self.state.v.len()].read(0, &mut a)?;
         Ok(a)
     }
@@ -344,17 +365,18 @@ impl CudaSolver {
 
     /// Moves a surface on the device and fetches its arrays.
     fn fill(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        if self.surfaces[index].is_none() {
-            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
-        }
-        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(
-            &self.kernels.surfaces,
-            &self.stream,
-            &self.pass(self.state.current, 1, false),
-            field,
-            arrays,
-        )
+        let pass = self.pass(self.state.current, 1, false);
+        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
+    }
+
+    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+        // Recorded steps name the surface, and are done.
+        self.graphs.clear();
+        let model = self.model.clone();
+        self.surfaces.renew(surfaces)?;
+        let rest = |slot| model.lattice().rest_position(origin(slot));
+        self.contact.renew(&surfaces[model.contact_surface()], rest)
     }
 
     /// Materials or what is held have changed: what was made of them before is made anew.
@@ -362,21 +384,38 @@ impl CudaSolver {
         self.stable_dt = stable_dt;
         self.outside.forget_masses();
         self.contact.lose_track();
-        self.mirror.replace(None);
+        self.forget_nodes();
         self.sleep.wake_all()
     }
 
-    /// The nodes as they are now.
-    fn look<T>(&self, see: impl FnOnce(&Mirror) -> T) -> T {
-        let mut mirror = self.mirror.borrow_mut();
-        if mirror.is_none() {
-            let slots = self.state.bricks as usize * BRICK_SLOTS;
-            let mut fresh = Mirror { u: vec![[0.0; 4]; slots], v: vec![0.0; 3 * slots] };
-            self.or_lost(self.state.u[self.state.current].read(0, &mut fresh.u));
-            self.or_lost(self.state.velocities().read(0, &mut fresh.v));
-            *mirror = Some(fresh);
-        }
-        see(mirror.as_ref().expect("the mirror was just filled"))
+    /// Displacements and words as they are now.
+    fn look_at_displacements<T>(&self, see: impl FnOnce(&[[f32; 4]]) -> T) -> T {
+        see(self.mirror.borrow_mut().u.get_or_insert_with(|| {
+            let mut u = vec![[0.0; 4]; self.body.slot_count()];
+            self.or_lost(self.state.u[self.state.current].read(0, &mut u));
+            u
+        }))
+    }
+
+    /// Velocities as they are now.
+    fn look_at_velocities<T>(&self, see: impl FnOnce(&[f32]) -> T) -> T {
+        see(self.mirror.borrow_mut().v.get_or_insert_with(|| {
+            let mut v = vec![0.0; 3 * self.body.slot_count()];
+            self.or_lost(self.state.velocities().read(0, &mut v));
+            v
+        }))
+    }
+
+    /// The nodes have changed.
+    fn forget_nodes(&self) {
+        self.mirror.take();
+    }
+
+    /// How cuts take part in the coming step. Blocks are a power of two, so that few cuts ask for another recording.
+    fn cut_plan(&self) -> CutPlan {
+        let blocks = (8 * self.state.pieces.count() as u32).div_ceil(PIECE_THREADS);
+        let piece_blocks = if blocks > 0 { blocks.next_power_of_two() } else { 0 };
+        CutPlan { bricks: self.state.bricks, piece_blocks }
     }
 }
 
@@ -391,7 +430,7 @@ impl Solver for CudaSolver {
     }
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
-        self.mirror.replace(None);
+        self.forget_nodes();
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
         let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?;
@@ -416,7 +455,8 @@ impl Solver for CudaSolver {
         self.near.prepare(plan.tools.len())?;
         let sleep = self.sleep.prepare(may_sleep, contact.lists > 0)?;
         let start = self.state.current;
-        let asked = self.ask(step, plan.substeps, Plans { contact, outside: outside.plan, sleep });
+        let plans = Plans { contact, outside: outside.plan, sleep, cut: self.cut_plan() };
+        let asked = self.ask(step, plan.substeps, plans);
         let report = asked.and_then(|()| self.report.wait(&self.stream, sequence)).inspect_err(|_| {
             // Nobody knows whether sites were listed.
             self.contact.lose_track();
@@ -475,21 +515,21 @@ impl Solver for CudaSolver {
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
-        self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.u[slot as usize][axis])))
+        self.look_at_displacements(|u| Vec3::from_fn(|axis, _| f64::from(u[slot as usize][axis])))
     }
 
     fn velocity(&self, slot: u32) -> Vec3 {
-        self.look(|mirror| Vec3::from_fn(|axis, _| f64::from(mirror.v[number(slot as usize, axis)])))
+        self.look_at_velocities(|v| Vec3::from_fn(|axis, _| f64::from(v[number(slot as usize, axis)])))
     }
 
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        all.extend((0..self.model.lattice().slot_count() as u32).map(|slot| self.displacement(slot)));
+        all.extend((0..self.body.slot_count() as u32).map(|slot| self.displacement(slot)));
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        all.extend((0..self.model.lattice().slot_count() as u32).map(|slot| self.velocity(slot)));
+        all.extend((0..self.body.slot_count() as u32).map(|slot| self.velocity(slot)));
     }
 
     fn largest_change(&self, before: &[Vec3]) -> f64 {
@@ -501,11 +541,11 @@ impl Solver for CudaSolver {
         self.or_lost(woken);
         self.or_lost(self.state.v.iter().try_for_each(Buffer::clear));
         self.vis_viva = 0.0;
-        self.mirror.replace(None);
+        self.forget_nodes();
     }
 
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
-        let word = self.model.lattice().words()[slot as usize];
+        let word = self.body.bricks.word(slot);
         let [x, y, z] = [0, 1, 2].map(|axis| displacement[axis] as f32);
         let u = [[x, y, z, f32::from_bits(word)]];
         self.or_lost(self.state.u.iter().try_for_each(|copy| copy.write(slot as usize, &u)));
@@ -517,12 +557,13 @@ impl Solver for CudaSolver {
         let woken = self.sleep.wake_all();
         self.or_lost(woken);
         self.contact.lose_track();
-        self.mirror.replace(None);
+        self.forget_nodes();
     }
 
     fn accelerations(&mut self) -> Vec<Vec3> {
-        let (u, v) = self.look(|mirror| (mirror.u.clone(), mirror.v.clone()));
-        let slots = self.model.lattice().slot_count();
+        let u = self.look_at_displacements(<[_]>::to_vec);
+        let v = self.look_at_velocities(<[_]>::to_vec);
+        let slots = self.body.slot_count();
         let found = self.forces_of(&u).and_then(|a| {
             self.state.u.iter().try_for_each(|copy| copy.write(0, &u))?;
             self.state.v.iter().try_for_each(|copy| copy.write(0, &v))?;
@@ -552,6 +593,7 @@ impl Solver for CudaSolver {
             self.kernels = loaded.inspect_err(|_| self.body.laws = before)?;
         }
         self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
+        self.state.pieces.weigh(&self.body)?;
         let omega = stability::highest_omega(stable_dt, most_damping(laws));
         self.sleep.set_thresholds(self.model.lattice().cell_m(), omega);
         self.change(stable_dt)
@@ -562,9 +604,24 @@ impl Solver for CudaSolver {
             self.body.flags[slot as usize] = flags;
         }
         if !changed.is_empty() {
-            self.state.flags.write(0, &self.body.flags)?;
+            self.state.flags.set(self.body.flags.clone())?;
         }
         self.change(stable_dt)
+    }
+
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+        self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
+        // What was made of nodes before is made anew with the flags that follow.
+        self.sleep.set_bricks(self.state.bricks)?;
+        self.show(surfaces, |slot| topology.origin(slot))
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        self.state.heal(&mut self.body)?;
+        self.outside.forget_masses();
+        self.sleep.set_bricks(self.state.bricks)?;
+        let model = self.model.clone();
+        self.show(model.surfaces(), |slot| slot)
     }
 
     fn reset(&mut self) {

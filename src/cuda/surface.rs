@@ -1,84 +1,131 @@
-//! Moves a surface's vertices with the nodes, on the device.
+//! Moves surfaces' vertices with the nodes, on the device.
 
 use std::sync::Arc;
 
+use super::kept::Kept;
 use super::kernels::SurfaceKernels;
 use super::layout::{self, Pass};
 use super::memory::{Buffer, Stream};
 use super::pointer;
+use crate::cut::surface::room;
 use crate::error::Result;
+use crate::math::Pose;
 use crate::model::Model;
-use crate::model::surface::ROW;
+use crate::model::surface::{ROW, Surface};
 use crate::solver::{SurfaceArrays, SurfaceField};
 
 /// Threads of a block.
 const THREADS: u32 = 256;
-/// "No cell there" among the corners of a cell.
-const NO_CELL: u32 = u32::MAX;
 
-/// A surface of the model on the device.
+/// The surfaces of a simulation. Those that were shown lie on the device.
 #[derive(Debug)]
-pub struct SurfaceOnDevice {
+pub struct Surfaces {
+    model: Arc<Model>,
+    copies: usize,
+    /// As cuts have left them.
+    all: Vec<Arc<Surface>>,
+    shown: Vec<Option<SurfaceOnDevice>>,
+}
+
+impl Surfaces {
+    /// The model's own, with room for what cuts make of them that copy so many nodes.
+    pub fn new(model: &Arc<Model>, copies: usize) -> Self {
+        let all = model.surfaces().to_vec();
+        Self { model: model.clone(), copies, shown: all.iter().map(|_| None).collect(), all }
+    }
+
+    /// Cuts have made others of them.
+    pub fn renew(&mut self, surfaces: &[Arc<Surface>]) -> Result<()> {
+        self.all = surfaces.to_vec();
+        let frame = self.model.frame();
+        let mut shown = self.shown.iter_mut().zip(surfaces);
+        shown.try_for_each(|(shown, surface)| shown.as_mut().map_or(Ok(()), |s| s.renew(surface, &frame)))
+    }
+
+    /// Moves a surface with the nodes of `pass` and fetches its arrays.
+    pub fn publish(
+        &mut self,
+        index: usize,
+        kernels: &SurfaceKernels,
+        stream: &Arc<Stream>,
+        pass: &Pass,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
+        let shown = &mut self.shown[index];
+        if shown.is_none() {
+            let room = room_of(&self.model.surfaces()[index], self.copies);
+            *shown = Some(SurfaceOnDevice::new(&self.model, &self.all[index], room, stream)?);
+        }
+        let shown = shown.as_ref().expect("the surface was just made");
+        shown.publish(kernels, stream, pass, field, arrays)
+    }
+}
+
+/// Vertices and triangles for which there is room on the device.
+pub fn room_of(surface: &Surface, copies: usize) -> [usize; 2] {
+    if copies == 0 { [surface.positions.len(), surface.triangles.len()] } else { room(surface, copies) }
+}
+
+/// A surface on the device.
+#[derive(Debug)]
+struct SurfaceOnDevice {
     vertices: u32,
     frame: layout::Frame,
-    rest: Buffer<[f32; 3]>,
-    row_nodes: Buffer<[u32; ROW]>,
-    row_weights: Buffer<[f32; ROW]>,
-    /// The corners of the cell under each vertex.
-    cells: Buffer<[u32; 8]>,
-    triangles: Buffer<[u32; 3]>,
-    triangle_starts: Buffer<u32>,
-    triangle_of: Buffer<u32>,
+    rest: Kept<[f32; 3]>,
+    row_nodes: Kept<[u32; ROW]>,
+    row_weights: Kept<[f32; ROW]>,
+    triangles: Kept<[u32; 3]>,
+    triangle_starts: Kept<u32>,
+    triangle_of: Kept<u32>,
     positions: Buffer<[f32; 4]>,
     normals: Buffer<[f32; 4]>,
     scalars: Buffer<f32>,
 }
 
 impl SurfaceOnDevice {
-    /// Copies what never changes.
-    pub fn new(model: &Arc<Model>, index: usize, stream: &Arc<Stream>) -> Result<Self> {
-        let surface = &model.surfaces()[index];
-        let (lattice, frame) = (model.lattice(), model.frame());
-        let count = surface.positions.len();
-        // World frame: rest positions are turned here, displacements there.
-        let rest: Vec<[f32; 3]> = surface
-            .positions
-            .iter()
-            .map(|p| frame.transform_point(&(*p).into()).coords)
-            .map(|p| [p.x, p.y, p.z].map(|x| x as f32))
-            .collect();
-        let cells: Vec<[u32; 8]> = surface
-            .rows
-            .iter()
-            .map(|row| {
-                // The first node of a row is the lowest corner of its cell.
-                let cell = lattice.node_of(row.nodes[0]);
-                if lattice.cell_material(cell) == 0 { [NO_CELL; 8] } else { lattice.corners(cell) }
-            })
-            .collect();
-        let rows = surface.rows.iter();
+    fn new(
+        model: &Model,
+        surface: &Surface,
+        [vertices, triangles]: [usize; 2],
+        stream: &Arc<Stream>,
+    ) -> Result<Self> {
+        let frame = model.frame();
         let turn = frame.rotation.to_rotation_matrix();
-        Ok(Self {
-            vertices: count as u32,
+        let mut all = Self {
+            vertices: 0,
             frame: layout::Frame {
                 turn: std::array::from_fn(|i| turn[(i / 3, i % 3)] as f32),
-                cell: lattice.cell_m() as f32,
+                cell: model.lattice().cell_m() as f32,
             },
-            rest: Buffer::of(stream, &rest)?,
-            row_nodes: Buffer::of(stream, &rows.clone().map(|row| row.nodes).collect::<Vec<_>>())?,
-            row_weights: Buffer::of(stream, &rows.map(|row| row.weights).collect::<Vec<_>>())?,
-            cells: Buffer::of(stream, &cells)?,
-            triangles: Buffer::of(stream, &surface.triangles)?,
-            triangle_starts: Buffer::of(stream, &surface.triangle_starts)?,
-            triangle_of: Buffer::of(stream, &surface.triangle_of)?,
-            positions: Buffer::zeros(stream, count)?,
-            normals: Buffer::zeros(stream, count)?,
-            scalars: Buffer::zeros(stream, count)?,
-        })
+            rest: Kept::of(stream, Vec::new(), vertices)?,
+            row_nodes: Kept::of(stream, Vec::new(), vertices)?,
+            row_weights: Kept::of(stream, Vec::new(), vertices)?,
+            triangles: Kept::of(stream, Vec::new(), triangles)?,
+            triangle_starts: Kept::of(stream, Vec::new(), vertices + 1)?,
+            triangle_of: Kept::of(stream, Vec::new(), 3 * triangles)?,
+            positions: Buffer::zeros(stream, vertices)?,
+            normals: Buffer::zeros(stream, vertices)?,
+            scalars: Buffer::zeros(stream, vertices)?,
+        };
+        all.renew(surface, &frame)?;
+        Ok(all)
     }
 
-    /// Moves the surface with the nodes of `pass` and fetches its arrays.
-    pub fn publish(
+    /// Copies what changes only by cuts.
+    fn renew(&mut self, surface: &Surface, frame: &Pose) -> Result<()> {
+        self.vertices = surface.positions.len() as u32;
+        // World frame: rest positions are turned here, displacements there.
+        let rest = surface.positions.iter().map(|p| frame.transform_point(&(*p).into()).coords);
+        self.rest.set(rest.map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect())?;
+        self.row_nodes.set(surface.rows.iter().map(|row| row.nodes).collect())?;
+        self.row_weights.set(surface.rows.iter().map(|row| row.weights).collect())?;
+        self.triangles.set(surface.triangles.clone())?;
+        self.triangle_starts.set(surface.triangle_starts.clone())?;
+        self.triangle_of.set(surface.triangle_of.clone())
+    }
+
+    fn publish(
         &self,
         kernels: &SurfaceKernels,
         stream: &Stream,
@@ -94,7 +141,6 @@ impl SurfaceOnDevice {
             rest: self.rest.at(),
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
-            cells: self.cells.at(),
             triangles: self.triangles.at(),
             triangle_starts: self.triangle_starts.at(),
             triangle_of: self.triangle_of.at(),

@@ -82,18 +82,19 @@ fn on_cpu(model: &Arc<Model>, desc: &SimDesc, fallback: Option<String>) -> Resul
 }
 
 fn on_gpu(model: &Arc<Model>, desc: &SimDesc, index: Option<u32>) -> Result<(Box<dyn Solver>, Place)> {
-    if desc.cut_nodes > 0 {
-        return Err(Error::Unsupported("tissue is cut on the processor alone".into()));
-    }
     if desc.method == Method::Lattice && desc.precision == Precision::Double {
         return Err(Error::Unsupported("the lattice runs in single precision on a GPU".into()));
     }
     let device = Device::open(index)?;
     let info = device.info().clone();
     let solver: Box<dyn Solver> = match (&desc.method, desc.precision) {
-        (Method::Lattice, _) => Box::new(CudaSolver::new(model, device)?),
-        (Method::Efg(efg), Precision::Single) => Box::new(CudaEfgSolver::<f32>::new(model, efg, device)?),
-        (Method::Efg(efg), Precision::Double) => Box::new(CudaEfgSolver::<f64>::new(model, efg, device)?),
+        (Method::Lattice, _) => Box::new(CudaSolver::new(model, device, desc.cut_nodes)?),
+        (Method::Efg(efg), Precision::Single) => {
+            Box::new(CudaEfgSolver::<f32>::new(model, efg, device, desc.cut_nodes)?)
+        }
+        (Method::Efg(efg), Precision::Double) => {
+            Box::new(CudaEfgSolver::<f64>::new(model, efg, device, desc.cut_nodes)?)
+        }
     };
     let backend = Backend::Cuda { index: Some(info.index) };
     Ok((solver, Place { backend, device: info.name, fallback: None }))

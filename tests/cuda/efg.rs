@@ -22,7 +22,7 @@ const CELLS: [usize; 3] = [11, 9, 7];
 /// Bone, as a label.
 const BONE: u16 = 3;
 /// Relative differences of displacements, of velocities and of forces; in double precision what the tolerance of a solution leaves of them, in single what rounding does.
-const SAME: [(Precision, f64, [f64; 3]); 2] =
+pub const SAME: [(Precision, f64, [f64; 3]); 2] =
     [(Precision::Double, 1e-11, [1e-8, 1e-7, 2e-5]), (Precision::Single, 2e-6, [1e-4, 1e-3, 2e-3])];
 
 /// A block of two tissues, held below, perhaps around a bone.

@@ -1,6 +1,7 @@
 //! The meshless model on the processor: implicit steps by matrix-free conjugate gradients, eight cells at a time.
 
 mod block;
+pub(crate) mod cell_rows;
 mod conjugate;
 mod gather;
 mod laws;

@@ -15,7 +15,7 @@ use crate::model::lattice::BRICK_SLOTS;
 use crate::model::law::volume_change;
 
 /// A node in a row.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C)]
 pub struct Place {
     pub row: u32,

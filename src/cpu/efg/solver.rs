@@ -3,7 +3,6 @@
 //! In each step all threads turn the cells' frames and build the system; one thread alone looks for contact; all solve it, which is
 //! done again where contact answered otherwise than it was asked; then nodes move.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -14,21 +13,21 @@ use super::super::mobile::Mobile;
 use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
 use super::super::workers::{Member, Workers};
+use super::cell_rows::CellRows;
 use super::conjugate::{Budget, Reached};
 use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
-use super::system::{Like, Parts, Step, System};
+use super::system::{Parts, Step, System};
 use crate::cut::facing::Facing;
-use crate::cut::topology::{Change, DividedCell, Topology};
+use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::efg::rows::{Cell, RowTable};
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
 use crate::model::surface::Surface;
 use crate::solver::load::NodalLoads;
-use crate::solver::method::{EfgDesc, Rows, Scheme};
+use crate::solver::method::{EfgDesc, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum};
@@ -49,8 +48,7 @@ pub struct EfgSolver<R: EfgReal> {
     flags: Vec<u8>,
     laws: [CellLaw; 16],
     system: System<R>,
-    /// The rows of cells that have rows, by the slots where they start; of a divided cell one for each piece.
-    rows_of: HashMap<u32, Vec<PieceRow>>,
+    cell_rows: CellRows,
     /// Bytes of rows that were copied.
     uploaded: u64,
     /// The last step.
@@ -71,29 +69,6 @@ pub struct EfgSolver<R: EfgReal> {
     route: Route<R>,
 }
 
-/// The row of a piece.
-#[derive(Clone, Copy, Debug)]
-struct PieceRow {
-    /// The corners of the cell that it has, a bit for each.
-    corners: u8,
-    row: usize,
-}
-
-/// The rows of cells before any cut, and whose they are.
-fn uncut_rows(bricks: &mut Bricks, rows: Rows) -> Result<(RowTable, HashMap<u32, Vec<PieceRow>>)> {
-    match rows {
-        Rows::Irregular => Ok(Default::default()),
-        Rows::All => {
-            // No cell is a brick's own any more.
-            bricks.cells.fill(0);
-            let lattice = bricks.model.lattice();
-            let of_cell =
-                |(row, (cell, _))| (lattice.corners(cell)[0], vec![PieceRow { corners: 0xff, row }]);
-            Ok((RowTable::of_all(lattice)?, lattice.occupied().enumerate().map(of_cell).collect()))
-        }
-    }
-}
-
 /// A place that members of a job share; who may write it when is said where that is done.
 struct Place<T>(*mut T);
 // SAFETY: access is ordered by the meetings of the job.
@@ -105,7 +80,7 @@ impl<R: EfgReal> EfgSolver<R> {
     /// Fails when the operating system starts no more threads.
     pub fn new(model: &Arc<Model>, desc: &EfgDesc, threads: usize, copies: usize) -> Result<Self> {
         let mut bricks = Bricks::new(model.clone(), copies.div_ceil(BRICK_SLOTS));
-        let (rows, rows_of) = uncut_rows(&mut bricks, desc.rows)?;
+        let (rows, cell_rows) = CellRows::uncut(&mut bricks, desc.rows)?;
         let mut runs = Vec::new();
         bricks.list_runs(RUN, |_| true, &mut runs);
         let contact = ContactSurface::new(model.clone());
@@ -114,7 +89,7 @@ impl<R: EfgReal> EfgSolver<R> {
         Ok(Self {
             desc: *desc,
             system,
-            rows_of,
+            cell_rows,
             uploaded,
             flags: bricks.flags(),
             laws: *model.laws(),
@@ -343,36 +318,6 @@ impl<R: EfgReal> EfgSolver<R> {
         self.surfaces = surfaces.to_vec();
         self.contact.renew(surfaces[self.bricks.model.contact_surface()].clone());
     }
-
-    /// Gives the pieces of a divided cell rows, each turned as what it was part of.
-    fn hang(&mut self, cell: u32, divided: &DividedCell) {
-        let lattice = self.bricks.model.lattice();
-        let (h, low) = (lattice.cell_m(), lattice.rest_position(cell));
-        let before = self.rows_of.remove(&cell).unwrap_or_default();
-        let mut hung: Vec<PieceRow> = Vec::with_capacity(divided.pieces.len());
-        let mut spare = before.iter().map(|old| old.row);
-        // What each was part of, before rows are written anew.
-        let like = |corners: u8| {
-            before
-                .iter()
-                .find(|old| old.corners & corners != 0)
-                .map_or(Like::Cell(cell), |old| Like::Row(old.row))
-        };
-        let rotations: Vec<_> =
-            divided.pieces.iter().map(|hung| self.system.rotation(like(hung.piece.corners))).collect();
-        for (piece, rotation) in divided.pieces.iter().zip(rotations) {
-            let row = spare.next().unwrap_or(self.system.rows().len());
-            let at = Cell {
-                point: low + piece.piece.centroid * h,
-                volume: piece.piece.volume,
-                material: divided.material,
-            };
-            self.system.rows().put_piece(row, at, piece.nodes, low, h);
-            self.system.turn_to(row, rotation);
-            hung.push(PieceRow { corners: piece.piece.corners, row });
-        }
-        self.rows_of.insert(cell, hung);
-    }
 }
 
 impl<R: EfgReal> Solver for EfgSolver<R> {
@@ -511,9 +456,9 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
             self.u.set(birth.slot, self.u.vec3(birth.from));
             self.v.set(birth.slot, self.v.vec3(birth.from));
         }
-        for &cell in change.cells.iter().chain(&change.rehung) {
-            let divided = topology.cell(cell).expect("what a cut changed is divided");
-            self.hang(cell, divided);
+        let lattice = self.bricks.model.lattice();
+        for (row, like) in self.cell_rows.divide(self.system.rows(), lattice, topology, change) {
+            self.system.turn_to(row, self.system.rotation(like));
         }
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
@@ -524,8 +469,8 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
 
     fn heal(&mut self) -> Result<()> {
         self.bricks.heal();
-        let (rows, rows_of) = uncut_rows(&mut self.bricks, self.desc.rows)?;
-        self.rows_of = rows_of;
+        let (rows, cell_rows) = CellRows::uncut(&mut self.bricks, self.desc.rows)?;
+        self.cell_rows = cell_rows;
         self.flags[self.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
         self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
         self.uploaded += self.system.upload(&self.bricks);

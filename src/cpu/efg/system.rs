@@ -14,6 +14,7 @@ use std::ops::Range;
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
 use super::block::{BLOCK, Block, applied, inverted};
+use super::cell_rows::Like;
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
 use super::rows::{Table, Turned, TurnedParts};
@@ -59,13 +60,6 @@ struct Tables<R> {
     mass: Vec<Octet<R>>,
     /// What cells with rows of their own see.
     rows: Table<R>,
-}
-
-/// A cell that is turned: one with a row of its own, or one of a brick's own by the slot where it starts.
-#[derive(Clone, Copy, Debug)]
-pub enum Like {
-    Row(usize),
-    Cell(u32),
 }
 
 /// A step's constants.

@@ -33,9 +33,59 @@ struct Given<R> {
 
 /// A piece, and which of its corners a node is.
 #[derive(Clone, Copy, Debug)]
-struct Place {
-    piece: u32,
-    corner: u32,
+pub(crate) struct Place {
+    pub piece: u32,
+    pub corner: u32,
+}
+
+/// Where nodes stand in pieces, brick by brick of those that pieces hang on.
+#[derive(Debug, Default)]
+pub(crate) struct Places {
+    /// Where bricks stand among those that pieces hang on; `u32::MAX` for others. Empty before the first cut.
+    pub of_brick: Vec<u32>,
+    /// Those bricks, ascending.
+    pub bricks: Vec<u32>,
+    /// Where the places of each of their slots begin, and one more.
+    pub starts: Vec<u32>,
+    /// In the order of the pieces for each slot.
+    pub places: Vec<Place>,
+}
+
+impl Places {
+    /// Of pieces that hang on these nodes, among so many bricks.
+    pub fn of(pieces: impl Iterator<Item = [u32; 8]>, bricks: usize) -> Self {
+        let mut listed: Vec<(u32, Place)> = Vec::new();
+        for (piece, nodes) in (0..).zip(pieces) {
+            listed.extend((0..).zip(nodes).map(|(corner, slot)| (slot, Place { piece, corner })));
+        }
+        // Stable: nodes gather in the order of the pieces.
+        listed.sort_by_key(|&(slot, _)| slot);
+
+        let (mut of_brick, mut own) = (vec![u32::MAX; bricks], Vec::new());
+        for &(slot, _) in &listed {
+            let brick = slot / BRICK_SLOTS as u32;
+            if own.last() != Some(&brick) {
+                of_brick[brick as usize] = own.len() as u32;
+                own.push(brick);
+            }
+        }
+        let slots = own.len() * BRICK_SLOTS;
+        let mut starts = vec![0; slots + 1];
+        for &(slot, _) in &listed {
+            let place = of_brick[slot as usize / BRICK_SLOTS] as usize;
+            starts[place * BRICK_SLOTS + slot as usize % BRICK_SLOTS + 1] += 1;
+        }
+        for slot in 0..slots {
+            starts[slot + 1] += starts[slot];
+        }
+        let places = listed.iter().map(|&(_, place)| place).collect();
+        Self { of_brick, bricks: own, starts, places }
+    }
+
+    /// Those of a slot of one of the bricks: 128 times that brick's place, and the slot's own place in it.
+    pub fn of_slot(&self, slot: usize) -> &[Place] {
+        &self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize]
+    }
 }
 
 /// The pieces of a lattice that was cut.
@@ -43,13 +93,7 @@ struct Place {
 pub struct Pieces<R> {
     pieces: Vec<Piece<R>>,
     given: Vec<UnsafeCell<Given<R>>>,
-    /// Where bricks stand among those that pieces hang on; `u32::MAX` for others. Empty before the first cut.
-    of_brick: Vec<u32>,
-    /// Those bricks, ascending.
-    bricks: Vec<u32>,
-    /// Where the places of each of their slots begin, and one more.
-    starts: Vec<u32>,
-    places: Vec<Place>,
+    places: Places,
     /// What pieces weigh at each of their slots, in kg.
     mass: Vec<Octet<R>>,
 }
@@ -68,38 +112,12 @@ impl<R: Real> Pieces<R> {
                 volume: R::splat(hung.piece.volume),
             }));
         }
-        let mut listed: Vec<(u32, Place)> = Vec::with_capacity(8 * pieces.len());
-        for (piece, Piece { nodes, .. }) in (0..).zip(&pieces) {
-            listed.extend((0..).zip(nodes).map(|(corner, &slot)| (slot, Place { piece, corner })));
-        }
-        // Stable: nodes gather in the order of the pieces.
-        listed.sort_by_key(|&(slot, _)| slot);
-
-        let (mut of_brick, mut own) = (vec![u32::MAX; bricks], Vec::new());
-        for &(slot, _) in &listed {
-            let brick = slot / BRICK_SLOTS as u32;
-            if own.last() != Some(&brick) {
-                of_brick[brick as usize] = own.len() as u32;
-                own.push(brick);
-            }
-        }
-        let slots = own.len() * BRICK_SLOTS;
         let mut all = Self {
             given: pieces.iter().map(|_| UnsafeCell::default()).collect(),
-            starts: vec![0; slots + 1],
             mass: Vec::new(),
+            places: Places::of(pieces.iter().map(|piece| piece.nodes), bricks),
             pieces,
-            of_brick,
-            bricks: own,
-            places: listed.iter().map(|&(_, place)| place).collect(),
         };
-        for (slot, _) in listed {
-            let place = all.of_brick[slot as usize / BRICK_SLOTS] as usize;
-            all.starts[place * BRICK_SLOTS + slot as usize % BRICK_SLOTS + 1] += 1;
-        }
-        for slot in 0..slots {
-            all.starts[slot + 1] += all.starts[slot];
-        }
         all.weigh(corner_kg);
         all
     }
@@ -110,10 +128,8 @@ impl<R: Real> Pieces<R> {
             let piece = &self.pieces[place.piece as usize];
             corner_kg[usize::from(piece.material)] * piece.volume.to_f64()
         };
-        let of_slot = |slot: usize| -> f64 {
-            self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize].iter().map(kg).sum()
-        };
-        let slots = self.bricks.len() * BRICK_SLOTS;
+        let of_slot = |slot: usize| -> f64 { self.places.of_slot(slot).iter().map(kg).sum() };
+        let slots = self.places.bricks.len() * BRICK_SLOTS;
         self.mass = (0..slots / 8)
             .map(|octet| Octet(std::array::from_fn(|lane| R::splat(of_slot(octet * 8 + lane)))))
             .collect();
@@ -126,13 +142,13 @@ impl<R: Real> Pieces<R> {
 
     /// The bricks that they hang on, ascending.
     pub fn bricks(&self) -> &[u32] {
-        &self.bricks
+        &self.places.bricks
     }
 
     /// Where a brick stands among those.
     #[inline(always)]
     pub fn place_of(&self, brick: usize) -> Option<usize> {
-        let place = *self.of_brick.get(brick)?;
+        let place = *self.places.of_brick.get(brick)?;
         (place != u32::MAX).then_some(place as usize)
     }
 
@@ -144,7 +160,7 @@ impl<R: Real> Pieces<R> {
         let mut forces = [Octet::<R>::default(); 3];
         for lane in 0..8 {
             let slot = place * BRICK_SLOTS + row * 8 + lane;
-            for at in &self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize] {
+            for at in self.places.of_slot(slot) {
                 // SAFETY: as the caller promises.
                 let given = unsafe { &*self.given[at.piece as usize].get() };
                 for c in 0..3 {

@@ -16,20 +16,21 @@ use crate::cuda::contact::{ContactSurface, Plan};
 use crate::cuda::device::Device;
 use crate::cuda::kernels::EfgKernels;
 use crate::cuda::layout::{EfgStep, Report, SOUND, Step};
-use crate::cuda::memory::{Buffer, Pinned, Stream};
+use crate::cuda::memory::{Pinned, Stream};
 use crate::cuda::near::NearTools;
 use crate::cuda::outside::{self, Outside};
 use crate::cuda::pointer;
-use crate::cuda::surface::SurfaceOnDevice;
+use crate::cuda::surface::Surfaces;
 use crate::cuda::told::Told;
+use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
-use crate::model::efg::rows::RowTable;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
+use crate::model::surface::Surface;
 use crate::sim::MAX_TOOLS;
-use crate::solver::method::{EfgDesc, Elasticity, Rows, Scheme};
+use crate::solver::method::{EfgDesc, Elasticity, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
@@ -49,8 +50,7 @@ pub struct CudaEfgSolver<R: Number> {
     contact: ContactSurface,
     outside: Outside,
     near: NearTools,
-    /// Surfaces that were shown.
-    surfaces: Vec<Option<SurfaceOnDevice>>,
+    surfaces: Surfaces,
     /// The step that moduli were made for; 0 where they were made for none.
     dt: f64,
     /// A node that goes further in a step is lost: the diagonal of the model, in m.
@@ -64,38 +64,26 @@ pub struct CudaEfgSolver<R: Number> {
     /// Of those, the ones before the last reset.
     dropped_before: u64,
     sequence: u32,
-    /// The host's copy of the nodes, where it is up to date.
-    mirror: RefCell<Option<Mirror<R>>>,
+    /// The host's copy of displacements and velocities, where it is up to date.
+    mirror: RefCell<[Option<Vec<R>>; 2]>,
     /// The first failure of a call that has no way to tell it: the state is lost.
     lost: RefCell<Option<String>>,
 }
 
-/// Nodes as the host sees them.
-#[derive(Debug)]
-struct Mirror<R> {
-    u: Vec<R>,
-    v: Vec<R>,
-}
-
 impl<R: Number> CudaEfgSolver<R> {
-    /// The model at rest on a device.
-    pub fn new(model: &Arc<Model>, desc: &EfgDesc, device: Arc<Device>) -> Result<Self> {
+    /// The model at rest on a device, with room for so many copies of nodes.
+    pub fn new(model: &Arc<Model>, desc: &EfgDesc, device: Arc<Device>, copies: usize) -> Result<Self> {
         let stream = Arc::new(Stream::new(device)?);
-        let (lattice, body) = (model.lattice(), Body::of(model));
-        let bricks = lattice.bricks().len();
-        let rows = match desc.rows {
-            Rows::Irregular => RowTable::default(),
-            Rows::All => RowTable::of_all(lattice)?,
-        };
-        let kernels = EfgKernels::load(&stream.device, R::PRECISION, bricks as u32)?;
+        let (lattice, mut body) = (model.lattice(), Body::of(model, copies));
+        let kernels = EfgKernels::load(&stream.device, R::PRECISION, body.bricks_for(0))?;
         let mut solver = Self {
-            state: State::new(model, &body, rows, kernels.blocks, &stream)?,
+            state: State::new(&mut body, desc.rows, kernels.blocks, &stream)?,
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
-            contact: ContactSurface::new(model, &stream)?,
+            contact: ContactSurface::new(model, copies, &stream)?,
             outside: Outside::new(model, &stream)?,
-            near: NearTools::new(bricks, &stream)?,
-            surfaces: model.surfaces().iter().map(|_| None).collect(),
+            near: NearTools::new(body.bricks.count(), &stream)?,
+            surfaces: Surfaces::new(model, copies),
             dt: 0.0,
             furthest: Vec3::from(lattice.cells().map(|n| n as f64)).norm() * lattice.cell_m(),
             speed: 0.0,
@@ -104,7 +92,7 @@ impl<R: Number> CudaEfgSolver<R> {
             dropped: 0,
             dropped_before: 0,
             sequence: 0,
-            mirror: RefCell::new(None),
+            mirror: RefCell::default(),
             lost: RefCell::new(None),
             model: model.clone(),
             desc: *desc,
@@ -118,12 +106,12 @@ impl<R: Number> CudaEfgSolver<R> {
 
     /// Back to rest.
     fn rest(&mut self) -> Result<()> {
-        self.state.rest(self.model.lattice())?;
+        self.state.rest(&self.body)?;
         self.contact.clear()?;
         self.near.clear()?;
         self.dropped_before = self.dropped;
         self.speed = 0.0;
-        self.mirror.replace(None);
+        self.forget_nodes();
         self.stream.wait()
     }
 
@@ -237,18 +225,28 @@ impl<R: Number> CudaEfgSolver<R> {
         })
     }
 
-    /// The nodes as they are now.
-    fn look<T>(&self, see: impl FnOnce(&Mirror<R>) -> T) -> T {
+    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+        let model = self.model.clone();
+        self.surfaces.renew(surfaces)?;
+        let rest = |slot| model.lattice().rest_position(origin(slot));
+        self.contact.renew(&surfaces[model.contact_surface()], rest)
+    }
+
+    /// Displacements, or velocities, as they are now.
+    fn look<T>(&self, at: Field, see: impl FnOnce(&[R]) -> T) -> T {
+        let field = [&self.state.u, &self.state.v][at as usize];
         let mut mirror = self.mirror.borrow_mut();
-        if mirror.is_none() {
-            let all = |field: &Buffer<R>| {
-                let mut all = vec![R::splat(0.0); 3 * self.body.flags.len()];
-                self.or_lost(field.read(0, &mut all));
-                all
-            };
-            *mirror = Some(Mirror { u: all(&self.state.u), v: all(&self.state.v) });
-        }
-        see(mirror.as_ref().expect("the mirror was just filled"))
+        see(mirror[at as usize].get_or_insert_with(|| {
+            let mut all = vec![R::splat(0.0); 3 * self.body.flags.len()];
+            self.or_lost(field.read(0, &mut all));
+            all
+        }))
+    }
+
+    /// The nodes have changed.
+    fn forget_nodes(&self) {
+        self.mirror.take();
     }
 
     /// Impulses of inner forces in a second from where nodes are, at rest there.
@@ -265,6 +263,13 @@ impl<R: Number> CudaEfgSolver<R> {
     }
 }
 
+/// What the host sees of nodes.
+#[derive(Clone, Copy)]
+enum Field {
+    Displacement,
+    Velocity,
+}
+
 /// A slot's vector in a field.
 fn vector<R: Number>(field: &[R], slot: u32) -> Vec3 {
     Vec3::from_fn(|axis, _| field[number(slot as usize, axis)].to_f64())
@@ -276,7 +281,7 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     }
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
-        self.mirror.replace(None);
+        self.forget_nodes();
         let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?.plan;
         // Settling looks for rest alone: steps so long that inertia is nothing, from no velocity each.
         let settling = StepPlan { dt: SETTLING_S, ..*plan };
@@ -325,29 +330,28 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     }
 
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        if self.surfaces[index].is_none() {
-            self.surfaces[index] = Some(SurfaceOnDevice::new(&self.model, index, &self.stream)?);
-        }
-        let surface = self.surfaces[index].as_ref().expect("the surface was just made");
-        surface.publish(&self.kernels.surfaces, &self.stream, &self.state.pass(), field, arrays)
+        let pass = self.state.pass();
+        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
-        self.look(|mirror| vector(&mirror.u, slot))
+        self.look(Field::Displacement, |u| vector(u, slot))
     }
 
     fn velocity(&self, slot: u32) -> Vec3 {
-        self.look(|mirror| vector(&mirror.v, slot))
+        self.look(Field::Velocity, |v| vector(v, slot))
     }
 
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        self.look(|mirror| all.extend((0..self.body.flags.len() as u32).map(|slot| vector(&mirror.u, slot))));
+        let slots = 0..self.body.flags.len() as u32;
+        self.look(Field::Displacement, |u| all.extend(slots.map(|slot| vector(u, slot))));
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        self.look(|mirror| all.extend((0..self.body.flags.len() as u32).map(|slot| vector(&mirror.v, slot))));
+        let slots = 0..self.body.flags.len() as u32;
+        self.look(Field::Velocity, |v| all.extend(slots.map(|slot| vector(v, slot))));
     }
 
     fn largest_change(&self, before: &[Vec3]) -> f64 {
@@ -358,27 +362,27 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.or_lost(self.state.v.clear());
         self.speed = 0.0;
         self.contact.lose_track();
-        self.mirror.replace(None);
+        self.forget_nodes();
     }
 
     fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
-        let word = self.model.lattice().words()[slot as usize];
+        let word = self.body.bricks.word(slot);
         self.or_lost(self.state.set_node(slot, word, displacement, velocity));
         self.speed = self.speed.max(velocity.norm());
         self.contact.lose_track();
-        self.mirror.replace(None);
+        self.forget_nodes();
     }
 
     fn accelerations(&mut self) -> Vec<Vec3> {
         let forces = self.inner_forces();
         let forces = self.or_lost(forces);
-        let lattice = self.model.lattice();
         let mut all = vec![Vec3::zeros(); self.body.flags.len()];
-        for slot in lattice.slots().filter(|_| !forces.is_empty()) {
-            let mass = lattice.node_mass(slot, |material| self.body.laws[usize::from(material)].corner_kg);
+        let slots = (0..all.len() as u32).filter(|&slot| !forces.is_empty() && self.state.mass(slot) > 0.0);
+        for slot in slots {
             let (flags, force) = (self.body.flags[slot as usize], vector(&forces, slot));
             let free = |axis: usize| {
-                if flags & (flag::FIX_X << axis | flag::GRASPED) == 0 { force[axis] / mass } else { 0.0 }
+                let is_free = flags & (flag::FIX_X << axis | flag::GRASPED) == 0;
+                if is_free { force[axis] / self.state.mass(slot) } else { 0.0 }
             };
             all[slot as usize] = Vec3::from_fn(|axis, _| free(axis));
         }
@@ -394,26 +398,48 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.dt = 0.0;
         self.outside.forget_loads();
         self.contact.lose_track();
-        self.state.set_masses(self.model.lattice(), laws)
+        self.state.set_laws(&self.body)
     }
 
     fn set_flags(&mut self, changed: &[(u32, u8)], _stable_dt: f64) -> Result<()> {
         if changed.is_empty() {
             return Ok(());
         }
-        let mut v = vec![R::splat(0.0); 3 * self.body.flags.len()];
-        self.state.v.read(0, &mut v)?;
+        // What is held already is at rest.
+        let mut stopped = Vec::new();
         for &(slot, flags) in changed {
-            self.body.flags[slot as usize] = flags;
-            for axis in (0..3).filter(|axis| flags & (flag::FIX_X << axis) != 0) {
-                v[number(slot as usize, axis)] = R::splat(0.0);
-            }
+            let before = std::mem::replace(&mut self.body.flags[slot as usize], flags);
+            let axes = (0..3).filter(|axis| flags & !before & (flag::FIX_X << axis) != 0);
+            stopped.extend(axes.map(|axis| number(slot as usize, axis)));
         }
-        self.state.v.write(0, &v)?;
+        if !stopped.is_empty() {
+            let mut v = vec![R::splat(0.0); 3 * self.body.flags.len()];
+            self.state.v.read(0, &mut v)?;
+            stopped.into_iter().for_each(|at| v[at] = R::splat(0.0));
+            self.state.v.write(0, &v)?;
+        }
         self.outside.forget_loads();
         self.contact.lose_track();
-        self.mirror.replace(None);
+        self.forget_nodes();
         self.state.set_flags(&self.body.flags)
+    }
+
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+        self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
+        // Copies are held as what they start from, until their own flags follow.
+        for birth in &change.births {
+            self.body.flags[birth.slot as usize] = self.body.flags[birth.from as usize];
+        }
+        self.outside.forget_masses();
+        self.forget_nodes();
+        self.show(surfaces, |slot| topology.origin(slot))
+    }
+
+    fn heal(&mut self) -> Result<()> {
+        self.outside.forget_masses();
+        self.state.heal(&mut self.body)?;
+        let model = self.model.clone();
+        self.show(model.surfaces(), |slot| slot)
     }
 
     fn reset(&mut self) {

@@ -7,15 +7,19 @@ use cudarc::driver::sys::CUdeviceptr;
 use super::Number;
 use super::rows::Rows;
 use crate::cuda::body::Body;
+use crate::cuda::cut::{Cutter, Fields};
+use crate::cuda::kept::Kept;
+use crate::cuda::kernels::Kernel;
 use crate::cuda::layout::{self, EfgLaw, EfgStep, GRID_NUMBERS, Law, MAX_POINTS, MAX_ROW, MAX_SITES};
 use crate::cuda::layout::{PRESS_FIELDS, Pass, numbers, share};
 use crate::cuda::memory::{Buffer, Stream};
+use crate::cuda::pieces::Pieces;
+use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
-use crate::model::Model;
-use crate::model::efg::rows::RowTable;
-use crate::model::lattice::{BRICK_SLOTS, Lattice};
+use crate::model::lattice::BRICK_SLOTS;
 use crate::model::law::CellLaw;
+use crate::solver::method;
 
 /// The system's fields of three numbers for each node, in the order of the kernels' structure: x, b, r, z, p, w, s and A x.
 const SYSTEM: usize = 8;
@@ -23,17 +27,19 @@ const SYSTEM: usize = 8;
 /// A simulation's state, and the system of its steps.
 #[derive(Debug)]
 pub struct State<R> {
+    /// Bricks that hold nodes, and how many there are with the loose ones.
     bricks: u32,
+    count: usize,
     cell_m: f64,
     pub step: Buffer<u32>,
     /// Moduli, and masses for the list of sites.
     laws: Buffer<EfgLaw>,
     masses: Buffer<Law>,
     neighbours: Buffer<[u32; 27]>,
-    flags: Buffer<u8>,
-    cells: Buffer<u8>,
+    flags: Kept<u8>,
+    cells: Kept<u8>,
     shown: Buffer<[f32; 4]>,
-    mass: Buffer<R>,
+    mass: Kept<R>,
     heavy: Buffer<R>,
     inverse: Buffer<R>,
     rotations: Buffer<R>,
@@ -50,6 +56,8 @@ pub struct State<R> {
     seen: Buffer<[f32; 4]>,
     is_settled: Buffer<u32>,
     rows: Rows<R>,
+    pieces: Pieces,
+    cutter: Cutter,
     started: Buffer<u64>,
 }
 
@@ -60,38 +68,29 @@ fn units<R: Number>(bricks: usize, numbers: usize, is_one: fn(usize) -> bool) ->
 }
 
 impl<R: Number> State<R> {
-    /// At rest, for a kernel of so many blocks. Cells that have one of `rows` are none of the bricks' own: either all cells have, or none has.
-    pub fn new(
-        model: &Model,
-        body: &Body,
-        rows: RowTable,
-        blocks: u32,
-        stream: &Arc<Stream>,
-    ) -> Result<Self> {
-        let lattice = model.lattice();
-        let bricks = lattice.bricks().len();
-        let fields = |numbers: usize| Buffer::zeros(stream, (bricks + 1) * numbers * BRICK_SLOTS);
-        let neighbours: Vec<[u32; 27]> = lattice.surroundings().collect();
-        // The cell whose lowest corner a node is. Behind the last brick lies the empty one.
-        let are_own = rows.is_empty();
-        let words = lattice.words().iter().copied().chain([0; BRICK_SLOTS]);
-        let (cells, shown): (Vec<u8>, Vec<[f32; 4]>) = words
-            .map(|word| (if are_own { (word >> 28) as u8 } else { 0 }, shown(Vec3::zeros(), word)))
-            .unzip();
+    /// At rest, for a kernel of so many blocks.
+    pub fn new(body: &mut Body, rows: method::Rows, blocks: u32, stream: &Arc<Stream>) -> Result<Self> {
+        // Cells that have rows are none of the bricks' own.
+        let rows = Rows::new(&mut body.bricks, rows, stream)?;
+        let count = body.bricks.count();
+        // Behind the last brick lies the empty one.
+        let fields = |numbers: usize| Buffer::zeros(stream, (count + 1) * numbers * BRICK_SLOTS);
+        let shown: Vec<[f32; 4]> = body.words().map(|word| shown(Vec3::zeros(), word)).collect();
         let carriers = MAX_ROW * MAX_SITES;
         let [x, b, r, z] = [(); 4].map(|()| fields(numbers::VECTOR));
         let [p, w, s, ax] = [(); 4].map(|()| fields(numbers::VECTOR));
-        let state = Self {
-            bricks: bricks as u32,
-            cell_m: lattice.cell_m(),
+        let mut state = Self {
+            bricks: body.bricks_for(0),
+            count,
+            cell_m: body.bricks.model.lattice().cell_m(),
             step: Buffer::zeros(stream, size_of::<EfgStep>().div_ceil(4))?,
             laws: Buffer::zeros(stream, 16)?,
             masses: Buffer::zeros(stream, 16)?,
-            neighbours: Buffer::of(stream, &neighbours)?,
-            flags: Buffer::of(stream, &body.flags)?,
-            cells: Buffer::of(stream, &cells)?,
+            neighbours: Buffer::of(stream, &body.bricks.neighbours)?,
+            flags: Kept::of(stream, body.flags.clone(), 0)?,
+            cells: Kept::of(stream, body.bricks.cells.clone(), 0)?,
             shown: Buffer::of(stream, &shown)?,
-            mass: fields(1)?,
+            mass: Kept::of(stream, Vec::new(), (count + 1) * BRICK_SLOTS)?,
             heavy: fields(1)?,
             inverse: fields(numbers::BLOCK)?,
             rotations: fields(numbers::ROTATION)?,
@@ -107,25 +106,26 @@ impl<R: Number> State<R> {
             partials: Buffer::zeros(stream, 2 * GRID_NUMBERS * blocks as usize)?,
             seen: Buffer::zeros(stream, blocks as usize)?,
             is_settled: Buffer::zeros(stream, 1)?,
-            rows: Rows::new(rows, lattice, stream)?,
+            rows,
+            pieces: Pieces::new(body, false, stream)?,
+            cutter: Cutter::new(stream)?,
             started: Buffer::zeros(stream, 1)?,
         };
-        state.set_masses(lattice, &body.laws)?;
+        state.set_masses(body)?;
         state.turn_back()?;
         Ok(state)
     }
 
     /// Cells that are not turned.
     pub fn turn_back(&self) -> Result<()> {
-        let bricks = self.bricks as usize;
-        self.rotations.write(0, &units(bricks, numbers::ROTATION, |n| n == 3))?;
-        self.frames.write(0, &units(bricks, numbers::FRAME, |n| n % 4 == 0))?;
+        self.rotations.write(0, &units(self.count, numbers::ROTATION, |n| n == 3))?;
+        self.frames.write(0, &units(self.count, numbers::FRAME, |n| n % 4 == 0))?;
         self.rows.turn_back()
     }
 
     /// Back to rest.
-    pub fn rest(&self, lattice: &Lattice) -> Result<()> {
-        let shown: Vec<_> = lattice.words().iter().map(|&word| shown(Vec3::zeros(), word)).collect();
+    pub fn rest(&self, body: &Body) -> Result<()> {
+        let shown: Vec<_> = body.words().map(|word| shown(Vec3::zeros(), word)).collect();
         self.shown.write(0, &shown)?;
         self.u.clear()?;
         self.v.clear()?;
@@ -133,16 +133,62 @@ impl<R: Number> State<R> {
     }
 
     /// Other materials.
-    pub fn set_masses(&self, lattice: &Lattice, laws: &[CellLaw; 16]) -> Result<()> {
-        let mut kg = vec![0.0; self.bricks as usize * BRICK_SLOTS];
-        if self.rows.count() == 0 {
-            for slot in lattice.slots() {
-                kg[slot as usize] = lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg);
+    pub fn set_laws(&mut self, body: &Body) -> Result<()> {
+        self.pieces.weigh(body)?;
+        self.set_masses(body)
+    }
+
+    fn set_masses(&mut self, body: &Body) -> Result<()> {
+        let mut kg = vec![0.0; body.slot_count()];
+        if !self.rows.are_all() {
+            for slot in body.bricks.model.lattice().slots() {
+                kg[slot as usize] = body.bricks.whole_mass(slot, body.corner_kg());
             }
         }
-        self.rows.add_masses(laws, &mut kg);
-        self.mass.write(0, &kg.into_iter().map(R::splat).collect::<Vec<_>>())?;
-        self.masses.write(0, &laws.map(|law| Law::of(&law)))
+        self.rows.add_masses(&body.laws, &mut kg);
+        self.mass.set(kg.into_iter().map(R::splat).collect())?;
+        self.masses.write(0, &body.laws.map(|law| Law::of(&law)))
+    }
+
+    /// Mass of the node in a slot, in kg.
+    pub fn mass(&self, slot: u32) -> f64 {
+        self.mass.host()[slot as usize].to_f64()
+    }
+
+    /// Takes over what a cut has made of the tissue. Fails, and changes nothing, where there is no room for its pieces.
+    pub fn cut(
+        &mut self,
+        kernel: Kernel,
+        topology: &Topology,
+        change: &Change,
+        body: &mut Body,
+    ) -> Result<()> {
+        self.pieces.check_room(topology)?;
+        body.bricks.divide(topology, change);
+        let turned = self.rows.divide(&body.bricks, topology, change)?;
+        self.pieces.take(topology, body)?;
+        self.cells.set(body.bricks.cells.clone())?;
+        self.set_masses(body)?;
+        self.bricks = body.bricks_for(topology.copy_count());
+        let fields = Fields {
+            u: [self.shown.at(), 0],
+            vectors: [self.u.at(), self.v.at()],
+            rotations: self.rotations.at(),
+            row_rotations: self.rows.rotations.at(),
+        };
+        self.cutter.take(kernel, change, body, &turned, fields)
+    }
+
+    /// All cells are whole again; [`Self::rest`] follows.
+    pub fn heal(&mut self, body: &mut Body) -> Result<()> {
+        body.heal();
+        self.rows.heal(&mut body.bricks)?;
+        self.pieces.heal();
+        self.cells.set(body.bricks.cells.clone())?;
+        self.flags.set(body.flags.clone())?;
+        self.set_masses(body)?;
+        self.bricks = body.bricks_for(0);
+        Ok(())
     }
 
     /// Moduli, and what a step makes of each material's.
@@ -151,8 +197,8 @@ impl<R: Number> State<R> {
     }
 
     /// Other nodes are held.
-    pub fn set_flags(&self, flags: &[u8]) -> Result<()> {
-        self.flags.write(0, flags)
+    pub fn set_flags(&mut self, flags: &[u8]) -> Result<()> {
+        self.flags.set(flags.to_vec())
     }
 
     /// Replaces displacement and velocity of a slot whose node has this word.
@@ -172,7 +218,7 @@ impl<R: Number> State<R> {
 
     /// What kernels that know no model see of the state.
     pub fn pass(&self) -> Pass {
-        Pass {
+        let mut pass = Pass {
             u: self.shown.at(),
             u_next: self.shown.at(),
             v: 0,
@@ -192,7 +238,11 @@ impl<R: Number> State<R> {
             acted_on: 0,
             near_bricks: 0,
             near_counts: 0,
-        }
+            piece_bricks: 0,
+            pieces: 0,
+        };
+        self.pieces.note_in(&mut pass);
+        pass
     }
 
     /// What the kernel of a step works on; `pass` is what the kernels before it had.
@@ -236,20 +286,23 @@ impl<R: Number> State<R> {
             started: self.started.at(),
             row_cells: self.rows.cells.at(),
             row_entries: self.rows.entries.at(),
+            row_bricks: self.rows.bricks.at(),
             row_starts: self.rows.starts.at(),
             row_places: self.rows.places.at(),
             row_rotations: self.rows.rotations.at(),
             row_frames: self.rows.frames.at(),
+            row_given: self.rows.given.at(),
             report,
         }
     }
 
     /// Bytes of state, system and topology.
     pub fn bytes(&self) -> u64 {
-        let fields =
-            [&self.mass, &self.heavy, &self.inverse, &self.rotations, &self.frames, &self.u, &self.v];
+        let fields = [&self.heavy, &self.inverse, &self.rotations, &self.frames, &self.u, &self.v];
         let numbers = fields.into_iter().chain(&self.system).map(Buffer::bytes).sum::<u64>();
         numbers
+            + self.mass.bytes()
+            + self.pieces.bytes()
             + self.rows.bytes()
             + self.neighbours.bytes()
             + self.flags.bytes()

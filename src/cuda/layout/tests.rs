@@ -38,8 +38,10 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Pass {
             u, u_next, v, v_next, neighbours, flags, laws, step, marks, diverged_at, started, cell, substep,
-            mark, share, near_tools, acted_on, near_bricks, near_counts
+            mark, share, near_tools, acted_on, near_bricks, near_counts, piece_bricks, pieces
         }
+        Piece { nodes, material, volume }
+        Pieces { count, all, given, starts, hung, kg }
         Sleep { bricks, speed2, acceleration2, wake2, asleep, quiet, nodes_in, awake, watched, counts }
         Pushed { slot, start, count, force, mobility }
         Pressed { corners, diagonals, pressure }
@@ -61,7 +63,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Moment { from, to, is_first, tissue_moves, is_last }
         Frame { turn, cell }
         Surface {
-            vertices, strain, frame, u, rest, row_nodes, row_weights, cells, triangles, triangle_starts,
+            vertices, strain, frame, u, rest, row_nodes, row_weights, triangles, triangle_starts,
             triangle_of, positions, normals, scalars
         }
         EfgLaw { forces, changes }
@@ -73,8 +75,12 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             bricks, starts, row_count, cell, step, laws, neighbours, flags, cells, shown, mass,
             heavy, inverse, rotations, frames, u, v, x, b, r, z, p, w, s, ax, touched, shares, press,
             meetings, arrived, partials, seen, is_settled, near_tools, started, row_cells,
-            row_entries, row_starts, row_places, row_rotations, row_frames, report
+            row_entries, row_bricks, row_starts, row_places, row_rotations, row_frames, row_given, report
         }
+        Birth { slot, from }
+        Reworded { slot, word }
+        Turned { row, from, is_row }
+        Cut { births, words, turns, born, reworded, turned, u, vectors, rotations, row_rotations }
     };
     let numbers = [
         ("sizeof(Mark)", MARK_BYTES),
@@ -83,6 +89,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         ("FIX_Z", usize::from(flag::FIX_X << 2)),
         ("GRASPED", flag::GRASPED.into()),
         ("BRICK_NODES", BRICK_SLOTS),
+        ("NO_PLACE", NO_PLACE as usize),
         ("MAX_TOOLS", MAX_TOOLS),
         ("MAX_POINTS", MAX_POINTS),
         ("MAX_SITES", MAX_SITES),

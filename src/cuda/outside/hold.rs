@@ -79,14 +79,13 @@ impl Holds {
     fn list(&mut self, tools: &[ToolStep], body: &Body) -> Result<()> {
         self.known = None;
         let lattice = self.model.lattice();
-        let mass = |slot: u32| lattice.node_mass(slot, |material| body.laws[usize::from(material)].corner_kg);
         let (mut nodes, mut starts) = (Vec::new(), vec![0]);
         self.reaches.clear();
         for tool in tools {
             let held = tool.grasped.iter();
-            nodes.extend(
-                held.map(|&(slot, place)| Held::of(slot, lattice.rest_position(slot), place, mass(slot))),
-            );
+            nodes.extend(held.map(|&(slot, place)| {
+                Held::of(slot, lattice.rest_position(slot), place, body.node_mass(slot))
+            }));
             starts.push(nodes.len() as u32);
             self.reaches.push(tool.grasped.iter().map(|(_, place)| place.norm()).fold(0.0, f64::max));
         }

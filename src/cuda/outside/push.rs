@@ -86,7 +86,7 @@ impl List {
         let share = 0.25 * lattice.cell_m() * lattice.cell_m();
         for (slot, (force, pressed)) in gathered {
             let flags = body.flags[slot as usize];
-            let inverse = lattice.node_mass(slot, |m| body.laws[usize::from(m)].corner_kg).recip();
+            let inverse = body.node_mass(slot).recip();
             let mobility =
                 Vec3::from_fn(|axis, _| if flags & (flag::FIX_X << axis) == 0 { inverse } else { 0.0 });
             let acceleration = force.component_mul(&mobility);
@@ -115,7 +115,7 @@ mod tests {
     use crate::model::{Build, Fix, LabelUse};
 
     /// Three cells in a row along x; the nodes at their beginning are held along y.
-    fn row() -> Model {
+    fn row() -> Arc<Model> {
         let grid = LabelGrid::new([3, 1, 1], Vec3::repeat(0.5), Pose::identity(), vec![1; 3]).unwrap();
         let mut build = Build::new(grid);
         let tissue = Material::new("tissue", 1e3, 0.3, 1000.0).unwrap();
@@ -126,7 +126,7 @@ mod tests {
             half_extents: Vec3::new(0.1, 9.0, 9.0),
             axes: [false, true, false],
         });
-        build.run(&mut |_, _| true).unwrap()
+        Arc::new(build.run(&mut |_, _| true).unwrap())
     }
 
     #[test]
@@ -143,7 +143,7 @@ mod tests {
                 pressed: vec![(face, 16.0)],
             },
         ];
-        let list = List::of(&loads, model.lattice(), &Body::of(&model));
+        let list = List::of(&loads, model.lattice(), &Body::of(&model, 0));
         assert!(list.nodes.is_sorted_by_key(|node| node.slot), "each node once");
         assert_eq!(list.nodes.len(), 4);
         let of = |slot: u32| *list.nodes.iter().find(|node| node.slot == slot).unwrap();

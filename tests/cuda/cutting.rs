@@ -1,0 +1,380 @@
+//! Tissue cut on a GPU, against the processor in double precision.
+
+use std::sync::Arc;
+
+use palpate::error::Error;
+use palpate::math::{Pose, Vec3};
+use palpate::model::material::Material;
+use palpate::model::{Fix, Model};
+use palpate::sim::{Backend, NodeField, Part, Precision, Sim, SimDesc};
+use palpate::solver::method::{EfgDesc, Method, Rows};
+use palpate::solver::tool::{ToolDesc, ToolMotion};
+
+use super::efg::SAME;
+use super::gpu::has_gpu;
+use super::{
+    CELL_M, GPU, SAME_MOTION, SAME_SPEED, SAME_TIP_FORCE, block_of, desc, difference, largest, most,
+};
+
+/// Cells of the models.
+const CELLS: [usize; 3] = [11, 9, 7];
+/// Relative difference of a volume or a mass.
+const EXACT: f64 = 1e-9;
+
+/// A model's steps on a GPU, and how far displacements and velocities may differ from the processor's, relatively.
+struct Case {
+    method: Method,
+    precision: Precision,
+    same: [f64; 2],
+}
+
+/// Both models; the meshless one solved far beyond what is compared, in both precisions.
+fn cases() -> [Case; 3] {
+    let efg = |(precision, tolerance, [motion, speed, _]): (Precision, f64, [f64; 3])| Case {
+        method: Method::Efg(EfgDesc { tolerance, max_iterations: 5000, ..EfgDesc::default() }),
+        precision,
+        same: [motion, speed],
+    };
+    let lattice =
+        Case { method: Method::Lattice, precision: Precision::Single, same: [SAME_MOTION, SAME_SPEED] };
+    let [double, single] = SAME.map(efg);
+    [lattice, double, single]
+}
+
+/// What acts on all blocks, in m/s².
+const GRAVITY: [f64; 3] = [4.0, -2.0, -8.0];
+
+/// Implicit steps are long.
+fn step_s(method: Method) -> f64 {
+    if method == Method::Lattice { 1e-3 } else { 4e-3 }
+}
+
+/// Gravity acts, and there is room for cuts.
+fn desc_of(method: Method, backend: Backend, precision: Precision) -> SimDesc {
+    SimDesc {
+        method,
+        gravity_m_s2: GRAVITY.into(),
+        drag_per_s: 0.0,
+        step_s: step_s(method),
+        // The same before and after a cut, for which the stable substep gets shorter.
+        substeps: (method == Method::Lattice).then_some(8),
+        cut_nodes: 6000,
+        ..desc(backend, precision)
+    }
+}
+
+fn simulation(model: &Arc<Model>, method: Method, backend: Backend, precision: Precision) -> Sim {
+    Sim::new(model.clone(), &desc_of(method, backend, precision)).unwrap()
+}
+
+/// The processor in double precision, and twice the GPU.
+fn simulations(model: &Arc<Model>, case: &Case) -> [Sim; 3] {
+    let exact = match case.method {
+        Method::Lattice => Method::Lattice,
+        Method::Efg(desc) => Method::Efg(EfgDesc { tolerance: 1e-12, ..desc }),
+    };
+    let gpu = || simulation(model, case.method, GPU, case.precision);
+    [simulation(model, exact, Backend::Cpu, Precision::Double), gpu(), gpu()]
+}
+
+/// Places in cells, in the world.
+fn places<const N: usize>(model: &Model, cells: [[f64; 3]; N]) -> [Vec3; N] {
+    cells.map(|cells| model.frame().transform_point(&(Vec3::from(cells) * CELL_M).into()).coords)
+}
+
+/// Moves a straight blade along y, a little askew, from x = `from` to x = `to`, at a height of `height` cells; gives how many cells it divided.
+fn slit(sim: &mut Sim, from: f64, to: f64, height: f64) -> usize {
+    let model = sim.model().clone();
+    let edge = |x: f64| places(&model, [[x, -1.0, height - 0.2], [x + 0.3, 10.0, height + 0.3]]);
+    sim.cut(&edge(from), &edge(to)).unwrap()
+}
+
+/// All have come to the same, the GPU twice to the same bits.
+fn compare(sims: &[Sim; 3], peaks: &mut [f64; 2], same: [f64; 2], what: &str) {
+    let fields = [NodeField::Displacement, NodeField::Velocity];
+    for ((field, peak), same) in fields.into_iter().zip(peaks).zip(same) {
+        let [cpu, gpu, again] = sims.each_ref().map(|sim| sim.nodes(field));
+        assert!(gpu == again, "{what}: the same GPU gives the same bits");
+        *peak = peak.max(largest(&cpu));
+        let found = difference(&cpu, &gpu) / *peak;
+        println!("{what}: {field:?} {found:e} of {peak:e}");
+        assert!(found < same, "{what}: {field:?} {found:e}");
+    }
+    let [cpu, gpu, _] = sims.each_ref().map(Sim::parts);
+    assert_eq!(cpu.len(), gpu.len(), "{what}");
+    for (a, b) in cpu.iter().zip(&gpu) {
+        let off = (a.velocity_m_s - b.velocity_m_s).norm();
+        assert!((a.mass_kg - b.mass_kg).abs() < 1e-6 * a.mass_kg && a.is_held == b.is_held, "{what}: {b:?}");
+        // A small part is as light as a node.
+        assert!(off < same[1] * peaks_of(&cpu), "{what}: {off:e} m/s of {a:?}");
+    }
+}
+
+/// The speed of the fastest part.
+fn peaks_of(parts: &[Part]) -> f64 {
+    parts.iter().map(|part| part.velocity_m_s.norm()).fold(0.0, f64::max)
+}
+
+#[test]
+fn tissue_cut_on_a_gpu_moves_as_on_the_processor() {
+    if !has_gpu("tissue_cut_on_a_gpu_moves_as_on_the_processor") {
+        return;
+    }
+    for (damping_s, case) in [0.0, 1e-4].into_iter().flat_map(|damping_s| cases().map(|c| (damping_s, c))) {
+        let model = block_of(CELLS, 0.45, damping_s);
+        let mut sims = simulations(&model, &case);
+        let what = format!("{} {:?} damping {damping_s}", name(case.method), case.precision);
+        let mut peaks = [0.0; 2];
+        let mut divided = 0;
+        for step in 0..40 {
+            // On and on, half a cell at a time, while it falls; then across.
+            let x = 11.5 - 0.5 * f64::from(step);
+            let cells = sims.each_mut().map(|sim| match step {
+                0..26 => slit(sim, x, x - 0.5, 3.2),
+                30 => {
+                    let model = sim.model().clone();
+                    let edge = |y: f64| places(&model, [[5.4, y, -1.0], [5.7, y, 9.0]]);
+                    sim.cut(&edge(-1.0), &edge(4.6)).unwrap()
+                }
+                _ => 0,
+            });
+            assert!(cells.iter().all(|count| *count == cells[0]), "{what}, step {step}: {cells:?}");
+            divided += cells[0];
+            sims.iter_mut().for_each(|sim| sim.step().unwrap());
+            // The first steps are small ones.
+            if step > 4 {
+                compare(&sims, &mut peaks, case.same, &format!("{what}, step {step}"));
+            }
+        }
+        assert!(divided > 99, "{what}: {divided}");
+        assert_eq!(sims[1].parts().len(), 2, "{what}");
+        let [cpu, gpu, _] = sims.each_ref().map(Sim::statistics);
+        assert!((cpu.max_strain - gpu.max_strain).abs() < 1e-3 * cpu.max_strain, "{what}: {cpu:?} {gpu:?}");
+        assert!((cpu.volume_ratio[0] - gpu.volume_ratio[0]).abs() < 1e-4, "{what}: {cpu:?} {gpu:?}");
+    }
+}
+
+fn name(method: Method) -> &'static str {
+    if method == Method::Lattice { "lattice" } else { "meshless" }
+}
+
+#[test]
+fn what_is_cut_off_on_a_gpu_falls_and_nothing_else_acts_on_it() {
+    if !has_gpu("what_is_cut_off_on_a_gpu_falls_and_nothing_else_acts_on_it") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let mut sim = simulation(&model, case.method, GPU, case.precision);
+        (0..10).for_each(|_| sim.step().unwrap());
+        assert!(slit(&mut sim, 12.0, -2.0, 3.2) >= 99);
+        let parts = sim.parts();
+        let [volume, mass] = [|part: &Part| part.volume_m3, |part: &Part| part.mass_kg]
+            .map(|of| parts.iter().map(of).sum::<f64>());
+        let expected = CELLS.iter().product::<usize>() as f64 * CELL_M.powi(3);
+        assert!((volume / expected - 1.0).abs() < EXACT && (mass / expected / 1000.0 - 1.0).abs() < EXACT);
+        let free = parts.iter().position(|part| !part.is_held).expect("what was cut off is free");
+        assert_eq!((parts.len(), parts[1 - free].is_held), (2, true));
+        let gained = Vec3::from(GRAVITY) * step_s(case.method);
+        for _ in 0..30 {
+            let before = sim.parts()[free].velocity_m_s;
+            sim.step().unwrap();
+            let off = (sim.parts()[free].velocity_m_s - before - gained).norm() / gained.norm();
+            println!("{} {:?}: {off:e}", name(case.method), case.precision);
+            assert!(off < case.same[1], "{} {:?}: {off:e}", name(case.method), case.precision);
+        }
+    }
+}
+
+#[test]
+fn copies_on_a_gpu_are_held_freed_and_weighed_as_on_the_processor() {
+    if !has_gpu("copies_on_a_gpu_are_held_freed_and_weighed_as_on_the_processor") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let mut sims = simulations(&model, &case);
+        let what = format!("{} {:?}", name(case.method), case.precision);
+        let side = Fix {
+            pose: model.frame(),
+            half_extents: Vec3::new(0.6 * CELL_M, 1.0, 1.0),
+            axes: [true, false, true],
+        };
+        let mut peaks = [0.0; 2];
+        let mut step = |sims: &mut [Sim; 3], what: String| {
+            sims.iter_mut().for_each(|sim| (0..15).for_each(|_| sim.step().unwrap()));
+            compare(sims, &mut peaks, case.same, &what);
+        };
+        sims.iter_mut().for_each(|sim| assert!(slit(sim, 12.0, -2.0, 3.2) >= 99));
+        step(&mut sims, format!("{what} cut"));
+        let held = sims.each_mut().map(|sim| sim.fix(&side).unwrap());
+        assert!(held[0] > 0 && held.iter().all(|count| *count == held[0]), "{held:?}");
+        step(&mut sims, format!("{what} held"));
+        // Cut where it is held, and hangs.
+        let again = sims.each_mut().map(|sim| slit(sim, 12.0, -2.0, 5.6));
+        assert!(again[0] > 0 && again.iter().all(|count| *count == again[0]), "{again:?}");
+        step(&mut sims, format!("{what} cut again"));
+        sims.iter_mut().for_each(|sim| assert_eq!(sim.free(&side).unwrap(), held[0]));
+        let heavy = Material::new("heavy", 4e3, 0.4, 2000.0).unwrap();
+        sims.iter_mut().for_each(|sim| sim.set_material(1, &heavy).unwrap());
+        step(&mut sims, format!("{what} freed"));
+    }
+}
+
+/// Where points are shown may differ by that, as a share of how far they have moved, and what single precision leaves of where they are, in m.
+fn same_place(case: &Case, moved: f64) -> f64 {
+    case.same[0].max(1e-6) * moved + 1e-7
+}
+
+#[test]
+fn a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor() {
+    if !has_gpu("a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let what = format!("{} {:?}", name(case.method), case.precision);
+        let mut sims = simulations(&model, &case);
+        let mut ports = sims.each_mut().map(|sim| sim.open_surface(model.contact_surface()).unwrap());
+        let radius = 2.5 * CELL_M;
+        let desc = ToolDesc { friction: 0.3, ..ToolDesc::sphere(radius) };
+        let mut tools = sims.each_mut().map(|sim| sim.add_tool(&desc).unwrap());
+        let (mut force, mut apart) = (0.0_f64, 0.0_f64);
+        for step in 0..60 {
+            // From the top down to its middle, half a cell at a time, while a ball presses the lips.
+            let cells = sims.each_mut().map(|sim| {
+                let edge = |z: f64| places(&model, [[5.4, -1.0, z], [5.7, 10.0, z + 0.2]]);
+                let z = 8.0 - 0.5 * f64::from(step);
+                if step < 10 { sim.cut(&edge(z), &edge(z - 0.5)).unwrap() } else { 0 }
+            });
+            assert!(cells.iter().all(|count| *count == cells[0]), "{what}, step {step}: {cells:?}");
+            let deep = (0.1 * f64::from(step)).min(2.0);
+            let [at] = places(&model, [[5.2, 4.5, 7.0 + 2.5 + 0.2 - deep]]);
+            for (sim, tool) in sims.iter_mut().zip(&mut tools) {
+                tool.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z))).unwrap();
+                sim.step().unwrap();
+            }
+            let [a, b, c] = tools.each_mut().map(|tool| tool.force().wrench.force_n);
+            assert_eq!(b, c, "{what}: the same GPU gives the same bits");
+            force = force.max(a.norm());
+            apart = apart.max((a - b).norm());
+            if step % 10 != 9 {
+                continue;
+            }
+            let moved = largest(&sims[0].nodes(NodeField::Displacement));
+            let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
+            assert!(cpu.triangles == gpu.triangles && cpu.first_wall < cpu.triangles.len(), "{what}");
+            let pairs = cpu.positions.iter().flatten().zip(gpu.positions.iter().flatten());
+            let off = most(pairs.map(|(a, b)| f64::from((a - b).abs())));
+            println!("{what}, step {step}: {off:e} m of {moved:e} m; {apart:e} N of {force:e} N");
+            assert!(off < same_place(&case, moved), "{what}, step {step}: {off:e} m");
+        }
+        assert!(force > 0.01 && apart < SAME_TIP_FORCE * force, "{what}: {apart:e} N of {force:e} N");
+        let touched = [0, 1].map(|i| sims[i].contacts(tools[i].id()).unwrap().len());
+        assert!(touched[0] > 0 && touched[0] == touched[1], "{what}: {touched:?}");
+        // And whole again.
+        sims.iter_mut().for_each(Sim::reset);
+        let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
+        assert!(gpu.triangles == cpu.triangles && gpu.first_wall == gpu.triangles.len(), "{what}");
+    }
+}
+
+#[test]
+fn a_reset_on_a_gpu_makes_tissue_whole_and_room_for_cuts_changes_nothing() {
+    if !has_gpu("a_reset_on_a_gpu_makes_tissue_whole_and_room_for_cuts_changes_nothing") {
+        return;
+    }
+    let mut methods: Vec<_> = cases().into_iter().map(|case| (case.method, case.precision)).collect();
+    methods.push((Method::Efg(EfgDesc { rows: Rows::All, ..EfgDesc::default() }), Precision::Single));
+    for (method, precision) in methods {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let move_on = |sim: &mut Sim| {
+            (0..20).for_each(|_| sim.step().unwrap());
+            [NodeField::Displacement, NodeField::Velocity].map(|field| sim.nodes(field))
+        };
+        let whole = {
+            let desc = SimDesc { cut_nodes: 0, ..desc_of(method, GPU, precision) };
+            move_on(&mut Sim::new(model.clone(), &desc).unwrap())
+        };
+        let mut sim = simulation(&model, method, GPU, precision);
+        assert!(move_on(&mut sim) == whole, "{method:?}: room for cuts changes nothing");
+        for height in [3.2, 5.6] {
+            slit(&mut sim, 12.0, -2.0, height);
+            assert!(move_on(&mut sim) != whole);
+            sim.reset();
+            assert_eq!(sim.parts().len(), 1);
+            assert!(move_on(&mut sim) == whole, "{method:?}: as if it had never been cut");
+            sim.reset();
+        }
+    }
+}
+
+#[test]
+fn a_cut_copies_what_it_changes_alone() {
+    if !has_gpu("a_cut_copies_what_it_changes_alone") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of([44, 36, 26], 0.45, 0.0);
+        let mut sim = simulation(&model, case.method, GPU, case.precision);
+        sim.step().unwrap();
+        slit(&mut sim, 46.0, 40.0, 20.2);
+        let before = sim.statistics().copied.to_device;
+        assert!(slit(&mut sim, 40.0, 39.0, 20.2) > 5);
+        let copied = sim.statistics().copied.to_device - before;
+        let whole = sim.statistics().node_bytes;
+        println!("{} {:?}: {copied} of {whole} bytes", name(case.method), case.precision);
+        assert!(20 * copied < whole, "{} {:?}: {copied} of {whole} bytes", name(case.method), case.precision);
+    }
+}
+
+#[test]
+fn what_a_gpu_has_no_room_for_is_not_cut() {
+    if !has_gpu("what_a_gpu_has_no_room_for_is_not_cut") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let desc = SimDesc { cut_nodes: 1, ..desc_of(case.method, GPU, case.precision) };
+        let [mut sim, mut whole] = [(); 2].map(|()| Sim::new(model.clone(), &desc).unwrap());
+        let blade = |y: f64| places(&model, [[-1.0, y, 3.2], [12.0, y, 3.2]]);
+        assert!(matches!(sim.cut(&blade(-1.0), &blade(10.0)), Err(Error::Limit(_))));
+        for sim in [&mut sim, &mut whole] {
+            (0..10).for_each(|_| sim.step().unwrap());
+        }
+        assert!(sim.nodes(NodeField::Displacement) == whole.nodes(NodeField::Displacement));
+    }
+}
+
+#[test]
+fn two_hundred_random_cuts_leave_a_gpu_sound() {
+    if !has_gpu("two_hundred_random_cuts_leave_a_gpu_sound") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let desc = SimDesc { cut_nodes: 40_000, ..desc_of(case.method, GPU, case.precision) };
+        let mut sim = Sim::new(model.clone(), &desc).unwrap();
+        let mut seed = 7_u64;
+        let mut noise = || {
+            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        };
+        let mut place = || Vec3::from(CELLS.map(|n| n as f64 * (0.5 + 0.7 * noise())));
+        let mut divided = 0;
+        for _ in 0..200 {
+            let [a, b, c, d] = [(); 4].map(|()| place());
+            let [a, b, c, d] = places(&model, [a, b, c, d].map(Into::into));
+            divided += sim.cut(&[a, b], &[c, d]).unwrap();
+            sim.step().unwrap();
+        }
+        assert!(sim.nodes(NodeField::Displacement).iter().flat_map(|u| u.iter()).all(|x| x.is_finite()));
+        let parts = sim.parts();
+        println!("{}: {divided} cells divided, {} parts", name(case.method), parts.len());
+        assert!(parts.len() > 9, "{}", parts.len());
+        let mass: f64 = parts.iter().map(|part| part.mass_kg).sum();
+        assert!(
+            (mass / (CELLS.iter().product::<usize>() as f64 * CELL_M.powi(3) * 1000.0) - 1.0).abs() < EXACT
+        );
+    }
+}

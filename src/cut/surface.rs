@@ -40,10 +40,10 @@ const ATTEMPTS: u64 = 8;
 pub struct CutSurface {
     /// Rest positions `[vertex_count]`, model frame, metres: those of the original, and then the new ones.
     pub positions: Vec<Vec3>,
-    /// Vertex indices `[triangle_count]`, counter-clockwise seen from outside. A triangle that no wall meets keeps its number; a part of each other one has the number of what it is a part of.
+    /// Vertex indices of the outer surface's triangles, counter-clockwise seen from outside. A triangle that no wall meets keeps its number; a part of each other one has the number of what it is a part of.
     pub triangles: Vec<[u32; 3]>,
-    /// The first of the triangles that are walls: all after it are.
-    pub first_wall: usize,
+    /// Vertex indices of the walls' triangles, counter-clockwise seen from the cut.
+    pub walls: Vec<[u32; 3]>,
     /// Texture coordinates of the outer surface `[vertex_count]`: between those of the original; 0 where only walls are.
     pub uvs: Vec<[f32; 2]>,
     /// Texture coordinates of walls `[vertex_count]`, in cells: lengths in the plane that a connected wall lies closest to. 0 where there is no wall.
@@ -100,7 +100,7 @@ fn cut(
     let mut cut = CutSurface {
         positions: surface.positions.clone(),
         triangles: surface.triangles.clone(),
-        first_wall: 0,
+        walls: Vec::new(),
         uvs: surface.uvs.clone(),
         wall_uvs: Vec::new(),
         materials: surface.materials.clone(),
@@ -149,10 +149,9 @@ fn cut(
             cut.triangles.push(*corners);
         }
     }
-    cut.first_wall = cut.triangles.len();
-    cut.triangles
-        .extend(faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners));
-    cut.wall_uvs = unroll::wall_uvs(&cut.positions, &cut.triangles[cut.first_wall..], lattice.cell_m());
+    cut.walls =
+        faces.iter().filter(|(_, part)| matches!(part, Part::Wall(_))).map(|(corners, _)| *corners).collect();
+    cut.wall_uvs = unroll::wall_uvs(&cut.positions, &cut.walls, lattice.cell_m());
     Ok(cut)
 }
 

@@ -86,7 +86,7 @@ impl Body {
         let count = cut.positions.len();
         assert!([cut.uvs.len(), cut.wall_uvs.len(), cut.materials.len(), cut.rows.len()] == [count; 4]);
         let mut used = HashSet::new();
-        for &[a, b, c] in &cut.triangles {
+        for &[a, b, c] in all(cut) {
             for edge in [[a, b], [b, c], [c, a]] {
                 assert!(used.insert(edge), "an edge is used twice");
             }
@@ -131,15 +131,20 @@ fn area(cut: &CutSurface, triangles: &[[u32; 3]]) -> f64 {
     triangles.iter().map(of).sum()
 }
 
+/// The triangles of the outer surface and of the walls.
+fn all(cut: &CutSurface) -> impl Iterator<Item = &[u32; 3]> {
+    cut.triangles.iter().chain(&cut.walls)
+}
+
 /// The triangles that share vertices, part by part.
 fn parts(cut: &CutSurface) -> Vec<Vec<[u32; 3]>> {
     let mut groups = groups::Groups::new(cut.positions.len());
-    for &[a, b, c] in &cut.triangles {
+    for &[a, b, c] in all(cut) {
         groups.join(a, b);
         groups.join(a, c);
     }
     let mut parts: BTreeMap<u32, Vec<[u32; 3]>> = BTreeMap::new();
-    for t in &cut.triangles {
+    for t in all(cut) {
         parts.entry(groups.of(t[0])).or_default().push(*t);
     }
     parts.into_values().collect()
@@ -179,7 +184,7 @@ fn a_plane_leaves_two_closed_parts_with_their_exact_volumes_and_flat_walls() {
                 > 0.0
         };
         assert_ne!(above(&parts[0]), above(&parts[1]));
-        let walls: HashSet<[u32; 3]> = cut.triangles[cut.first_wall..].iter().copied().collect();
+        let walls: HashSet<[u32; 3]> = cut.walls.iter().copied().collect();
         for part in &parts {
             let side = if above(part) { 1.0 } else { -1.0 };
             for &v in part.iter().flatten() {
@@ -207,8 +212,8 @@ fn a_slit_leaves_one_closed_part_whose_walls_meet_at_the_front() {
             body.cut([at(depth, -90.0), at(depth, 90.0), at(-90.0, 0.0)], is_beyond);
             let cut = body.surface();
             assert_eq!(parts(&cut).len(), 1);
-            assert!(cut.triangles.len() > cut.first_wall + 20);
-            let sheet = area(&cut, &cut.triangles[cut.first_wall..]) / 2.0 / (H * H);
+            assert!(cut.walls.len() > 20);
+            let sheet = area(&cut, &cut.walls) / 2.0 / (H * H);
             // The ball's section, of which the tip's cell stays whole.
             assert!(sheet > 3.0 && sheet < std::f64::consts::PI * 5.0 * 5.0, "{sheet}");
         }
@@ -220,8 +225,7 @@ fn a_cut_inside_of_the_body_that_no_surface_meets_is_a_closed_pocket() {
     let mut body = ball();
     body.cut([Vec3::new(3.3, 3.2, 5.2), Vec3::new(7.4, 3.1, 5.2), Vec3::new(5.0, 7.6, 5.2)], true);
     let cut = body.surface();
-    assert_eq!(cut.triangles[..body.surface.triangles.len()], body.surface.triangles[..]);
-    assert_eq!(cut.first_wall, body.surface.triangles.len());
+    assert_eq!(cut.triangles, body.surface.triangles);
     assert_eq!(parts(&cut).len(), 2, "the pocket shares no vertex with the outer surface");
 }
 
@@ -360,7 +364,7 @@ fn without_a_cut_a_surface_stays_what_it_was() {
     let body = ball();
     let cut = body.surface();
     assert_eq!((&cut.positions, &cut.triangles), (&body.surface.positions, &body.surface.triangles));
-    assert_eq!((cut.first_wall, &cut.uvs), (cut.triangles.len(), &body.surface.uvs));
+    assert_eq!((cut.walls.len(), &cut.uvs), (0, &body.surface.uvs));
 }
 
 #[test]
@@ -389,12 +393,12 @@ fn both_sheets_of_a_wall_have_the_same_texture_coordinates_in_cells() {
     body.cut(plane(Vec3::repeat(5.1), normal), true);
     let cut = body.surface();
     let mut at: HashMap<[u64; 3], [f32; 2]> = HashMap::new();
-    for &v in cut.triangles[cut.first_wall..].iter().flatten() {
+    for &v in cut.walls.iter().flatten() {
         let (place, uv) = (cut.positions[v as usize], cut.wall_uvs[v as usize]);
         let other = at.entry(place.map(f64::to_bits).into()).or_insert(uv);
         assert!((0..2).all(|i| (uv[i] - other[i]).abs() < 1e-4));
     }
-    for corners in &cut.triangles[cut.first_wall..] {
+    for corners in &cut.walls {
         for [a, b] in arrange::edges(*corners).map(|edge| edge.map(|v| v as usize)) {
             let length = (cut.positions[a] - cut.positions[b]).norm() / H;
             let [du, dv] = [0, 1].map(|i| f64::from(cut.wall_uvs[a][i] - cut.wall_uvs[b][i]));

@@ -7,7 +7,7 @@ use super::arrange::edges;
 use super::grid::GridNode;
 use super::hash::{Map, Set};
 use super::jitter::Tie;
-use super::points::{Name, Point, Points};
+use super::points::{Name, Points};
 use super::store::{NONE, Store};
 use super::walls::Walls;
 
@@ -130,6 +130,16 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
     if a < b { [a, b] } else { [b, a] }
 }
 
+/// Sorts edges by their ends, and leaves each once.
+fn unique(edges: impl IntoIterator<Item = [u32; 2]>) -> impl Iterator<Item = [u32; 2]> {
+    // As one number each they are compared sooner.
+    let joined = edges.into_iter().map(|edge| sorted(edge)).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
+    let mut joined: Vec<u64> = joined.collect();
+    joined.sort_unstable();
+    joined.dedup();
+    joined.into_iter().map(|edge| [(edge >> 32) as u32, edge as u32])
+}
+
 impl Mesh {
     /// Without a face. The original surface has so many vertices.
     pub fn new(outer_vertices: u32) -> Self {
@@ -224,7 +234,7 @@ impl Mesh {
             }
         }
         joint.points.extend(gone.points);
-        joint.edges.extend(edges(gone.points).map(sorted));
+        joint.edges.extend(edges(gone.points));
         joint.slots.extend(gone.slots.iter().map(|&slot| (gone.part, slot)));
         joint.faces.remove(&face);
         let faces = self.of_part.get_mut(&gone.part).expect("it has had a face");
@@ -261,7 +271,7 @@ impl Mesh {
             points.get_mut(point).corners.push(3 * face + i as u32);
         }
         joint.points.extend(corners);
-        joint.edges.extend(edges(corners).map(sorted));
+        joint.edges.extend(edges(corners));
         joint.faces.insert(face);
         self.of_part.entry(part).or_default().push(face);
     }
@@ -291,11 +301,9 @@ impl Mesh {
 
     /// Joins what has come and gone to what is there.
     pub fn join(&mut self, points: &mut Points, walls: &Walls, joint: &mut Joint) -> Result<(), Tie> {
-        joint.edges.sort_unstable();
-        joint.edges.dedup();
         joint.points.sort_unstable();
         joint.points.dedup();
-        for edge in std::mem::take(&mut joint.edges) {
+        for edge in unique(std::mem::take(&mut joint.edges)) {
             self.pair(points, walls, edge, joint)?;
         }
         let mut around = Set::default();
@@ -305,10 +313,8 @@ impl Mesh {
         for n in 0..joint.points.len() {
             self.share(points, walls, joint.points[n], joint)?;
         }
-        let corners = |face: u32| edges(self.faces[face].points).map(sorted);
-        let mut beside: Vec<[u32; 2]> = around.into_iter().flat_map(corners).collect();
-        beside.sort_unstable();
-        beside.dedup();
+        let beside: Vec<[u32; 2]> =
+            unique(around.into_iter().flat_map(|face| edges(self.faces[face].points))).collect();
         for edge in beside {
             self.halve(points, walls, edge, joint)?;
         }
@@ -380,14 +386,15 @@ impl Mesh {
         point: u32,
         joint: &mut Joint,
     ) -> Result<(), Tie> {
-        let Point { name, corners, vertices: mut free, .. } = points.get(point).clone();
-        if matches!(name, Name::Outer(_)) {
+        if matches!(points.get(point).name, Name::Outer(_)) {
             return Ok(());
         }
+        let corners = &points.get(point).corners;
+        let mut free = points.get(point).vertices.clone();
         let after = |half: u32| half - half % 3 + (half + 1) % 3;
         let mut fans: Vec<(Vec<u32>, Anchor)> = Vec::new();
         let mut seen: Vec<u32> = Vec::new();
-        for &corner in &corners {
+        for &corner in corners {
             if seen.contains(&corner) {
                 continue;
             }

@@ -7,7 +7,7 @@
 
 use super::hash::{Map, Set};
 use super::parents::Parents;
-use super::wholes::Wholes;
+use super::wholes::{Link, Wholes};
 use crate::cut::cell::{Crossings, EDGES, Wall, divide};
 use crate::cut::topology::{Change, LatticeEdge, Topology};
 use crate::model::lattice::Lattice;
@@ -28,6 +28,8 @@ pub struct Grid {
     margin: Map<GridEdge, f64>,
     parents: Parents,
     wholes: Wholes,
+    /// How many edges lie between each slot's node and the nearest one beside an empty cell.
+    depths: Vec<u8>,
     /// The most edges of the tissue between the parents of two neighbours so far.
     widest: u32,
 }
@@ -98,14 +100,24 @@ pub fn slot(lattice: &Lattice, node: GridNode) -> Option<u32> {
     if node.iter().any(|&x| x < 0) { None } else { lattice.slot(node.map(|x| x as usize)) }
 }
 
+/// Whether a cell of the tissue has the edge upward from a slot's node along an axis.
+pub fn has_edge(lattice: &Lattice, slot: u32, axis: usize) -> bool {
+    // Materials of the four cells that have it.
+    let around = [0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000][axis];
+    lattice.words()[slot as usize] & around != 0
+}
+
 /// Whether a cell of the tissue has an edge.
 pub(crate) fn is_tissue(lattice: &Lattice, edge: GridEdge) -> bool {
-    cells_around_edge(edge).iter().any(|&cell| material(lattice, cell) != 0)
+    slot(lattice, edge.0).is_some_and(|slot| has_edge(lattice, slot, edge.1))
 }
 
 /// Whether a node has an empty cell beside it.
 pub(crate) fn is_outer(lattice: &Lattice, node: GridNode) -> bool {
-    cells_around(node).iter().any(|&cell| material(lattice, cell) == 0)
+    slot(lattice, node).is_none_or(|slot| {
+        let word = lattice.words()[slot as usize];
+        (0..8).any(|cell| word >> (4 * cell) & 15 == 0)
+    })
 }
 
 pub(crate) fn node_of(lattice: &Lattice, slot: u32) -> GridNode {
@@ -123,6 +135,26 @@ fn ends(lattice: &Lattice, edge: LatticeEdge) -> [GridNode; 2] {
     [low, step(low, usize::from(edge.axis), 1)]
 }
 
+/// How many edges lie between each slot's node and the nearest one beside an empty cell.
+fn depths(lattice: &Lattice) -> Vec<u8> {
+    let mut depths = vec![u8::MAX; lattice.slot_count()];
+    let mut front: Vec<u32> =
+        lattice.slots().filter(|&slot| is_outer(lattice, node_of(lattice, slot))).collect();
+    for depth in 0..u8::MAX {
+        front.retain(|&slot| depths[slot as usize] == u8::MAX);
+        for &slot in &front {
+            depths[slot as usize] = depth;
+        }
+        let beside = front.iter().flat_map(|&slot| edges_at(node_of(lattice, slot)));
+        let beside = beside.filter_map(|(_, node)| slot(lattice, node));
+        front = beside.filter(|&slot| depths[slot as usize] == u8::MAX).collect();
+        if front.is_empty() {
+            break;
+        }
+    }
+    depths
+}
+
 impl Grid {
     /// Without a cut. The margin will reach `reach` cells far.
     pub fn new(lattice: &Lattice, reach: usize) -> Self {
@@ -132,6 +164,7 @@ impl Grid {
             margin: Map::default(),
             parents: Parents::default(),
             wholes: Wholes::new(lattice),
+            depths: depths(lattice),
             widest: 1,
         }
     }
@@ -166,14 +199,14 @@ impl Grid {
         let mut nodes = self.parents.update(lattice, &self.beyond, &seeds, crossed, self.reach);
         nodes.extend(parted.iter().flat_map(|&slot| self.parents.children(slot)));
 
-        let mut edges: Vec<GridEdge> = crossed.to_vec();
-        edges.extend(nodes.iter().flat_map(|&node| edges_at(node)).map(|(edge, _)| edge));
+        let mut near: Set<GridNode> = nodes.iter().copied().collect();
+        near.extend(crossed.iter().map(|&(low, _)| low));
         for slot in self.near_cuts(lattice, &change.edges) {
-            let children = self.parents.children(slot).iter();
-            edges.extend(children.flat_map(|&child| edges_at(child)).map(|(edge, _)| edge));
+            near.extend(self.parents.children(slot));
         }
-        edges.sort_unstable();
-        edges.dedup();
+        let is_first = |(edge, other): &(GridEdge, GridNode)| edge.0 != *other || !near.contains(other);
+        let edges = near.iter().flat_map(|&node| edges_at(node).filter(is_first)).map(|(edge, _)| edge);
+        let edges: Vec<GridEdge> = edges.collect();
         let mut cells: Vec<GridNode> = change.cells.iter().map(|&slot| node_of(lattice, slot)).collect();
         let mut parted = Map::default();
         for edge in edges {
@@ -260,19 +293,30 @@ impl Grid {
         seeds
     }
 
-    /// The tissue nodes from which what lies between the parents of two neighbours may have changed when some edges were cut.
+    /// The tissue nodes beside empty cells from which what lies between the parents of two neighbours may have changed when some edges were cut.
     fn near_cuts(&self, lattice: &Lattice, edges: &[LatticeEdge]) -> Vec<u32> {
-        let mut near: Set<GridNode> = edges.iter().flat_map(|&edge| ends(lattice, edge)).collect();
-        let mut front: Vec<GridNode> = near.iter().copied().collect();
+        let mut seen: Set<u32> = Set::default();
+        let mut front: Vec<u32> = Vec::new();
+        let ends = edges.iter().flat_map(|&edge| ends(lattice, edge));
+        front.extend(ends.filter_map(|node| slot(lattice, node)).filter(|&slot| seen.insert(slot)));
+        let mut near = Vec::new();
         // A way around that is two edges longer passes a cut at most so far from its start.
-        for _ in 0..=self.widest {
+        for left in (0..=self.widest + 1).rev() {
             let mut next = Vec::new();
             for node in front {
-                next.extend(edges_at(node).map(|(_, other)| other).filter(|&other| near.insert(other)));
+                let depth = u32::from(self.depths[node as usize]);
+                if depth == 0 {
+                    near.push(node);
+                }
+                if depth <= left && left > 0 {
+                    let beside =
+                        edges_at(node_of(lattice, node)).filter_map(|(_, other)| slot(lattice, other));
+                    next.extend(beside.filter(|&slot| seen.insert(slot)));
+                }
             }
             front = next;
         }
-        near.into_iter().filter_map(|node| slot(lattice, node)).collect()
+        near
     }
 
     /// Where an edge that no tissue cell has is cut. What has been found of pairs of parents is kept in `parted`.
@@ -285,16 +329,16 @@ impl Grid {
     ) -> Option<f64> {
         let (a, is_cut_off) = self.parents.of(edge.0)?;
         let (b, is_other_cut_off) = self.parents.of(step(edge.0, edge.1, 1))?;
-        if is_tissue(lattice, edge) {
+        let by_blade = self.beyond.get(&edge).copied();
+        if is_tissue(lattice, edge) || a == b && by_blade.is_none() {
             return None;
         }
-        let between = distance(node_of(lattice, a), node_of(lattice, b));
-        self.widest = self.widest.max(between);
-        let by_blade = self.beyond.get(&edge).copied();
         let is_parted = a != b
-            && *parted
-                .entry([a.min(b), a.max(b)])
-                .or_insert_with(|| self.are_parted(lattice, topology, a, b, between + 2));
+            && *parted.entry([a.min(b), a.max(b)]).or_insert_with(|| {
+                let between = distance(node_of(lattice, a), node_of(lattice, b));
+                self.widest = self.widest.max(between);
+                self.are_parted(lattice, a, b, between + 2)
+            });
         if is_parted {
             by_blade.or_else(|| Some(self.inherited(lattice, topology, edge.1, a, b)))
         } else {
@@ -303,35 +347,33 @@ impl Grid {
     }
 
     /// Whether a cut lies between two tissue nodes: no way around it of at most `far` edges is left, and there was one.
-    fn are_parted(&self, lattice: &Lattice, topology: &Topology, a: u32, b: u32, far: u32) -> bool {
+    fn are_parted(&self, lattice: &Lattice, a: u32, b: u32, far: u32) -> bool {
         if !self.are_connected(a, b) {
             return true;
         }
-        let (from, to) = (node_of(lattice, a), node_of(lattice, b));
-        let reaches = |is_way: &dyn Fn(GridEdge) -> bool| {
-            let mut seen = vec![from];
-            let mut front = vec![from];
+        let to = node_of(lattice, b);
+        let reaches = |is_way: fn(Link) -> bool| {
+            let mut seen = vec![a];
+            let mut front = 0..1;
             for steps in 1..=far {
-                let mut next = Vec::new();
-                for node in front {
-                    for (edge, other) in edges_at(node) {
-                        let can_arrive = steps + distance(other, to) <= far;
-                        if !can_arrive || seen.contains(&other) || !is_tissue(lattice, edge) || !is_way(edge)
-                        {
+                for n in front.clone() {
+                    for link in self.wholes.links(lattice, seen[n]) {
+                        if !is_way(link) || seen.contains(&link.to) {
                             continue;
                         }
-                        if other == to {
+                        if link.to == b {
                             return true;
                         }
-                        seen.push(other);
-                        next.push(other);
+                        if steps + distance(node_of(lattice, link.to), to) <= far {
+                            seen.push(link.to);
+                        }
                     }
                 }
-                front = next;
+                front = front.end..seen.len();
             }
             false
         };
-        !reaches(&|edge| self.crossing(lattice, topology, edge).is_none()) && reaches(&|_| true)
+        !reaches(|link| !link.is_cut) && reaches(|_| true)
     }
 
     /// Where an edge is cut that no blade has crossed: as the edge between its parents is.

@@ -15,7 +15,7 @@ struct Tissue {
     surface: Surface,
     topology: Topology,
     beyond: HashMap<GridEdge, f64>,
-    /// Its cut surface, which followed each cut; an error where it could not follow the last one.
+    /// Its surface, which followed each cut, and what the last one changed.
     followed: CutSurface,
     last: Result<SurfaceChange>,
 }
@@ -116,14 +116,13 @@ impl Tissue {
         assert!((after - before).abs() < 1e-9 * before, "{after} {before}");
 
         for (row, at) in cut.rows.iter().zip(&cut.positions) {
-            let there: Vec3 = (0..8)
-                .map(|n| {
-                    self.lattice.rest_position(self.topology.origin(row.nodes[n])) * f64::from(row.weights[n])
-                })
-                .sum();
-            // Weights in single precision, large where a vertex lies far outside of the tissue.
-            let most = 1e-6 * row.weights.iter().map(|w| f64::from(w.abs())).sum::<f64>();
-            assert!((there - at).norm() < most * H, "{there} {at}");
+            let node = |n: usize| self.lattice.rest_position(self.topology.origin(row.nodes[n]));
+            let weights = row.weights.map(f64::from);
+            // How far from its place the weights put it, which are in single precision, and large where a vertex lies far outside of the tissue.
+            let off: Vec3 = (0..8).map(|n| (node(n) - at) * weights[n]).sum();
+            let most = 1e-6 * weights.iter().map(|w| w.abs()).sum::<f64>();
+            assert!(off.norm() < most * H, "{off} at {at}");
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < most);
         }
         let wholes = self.wholes();
         for part in parts(cut) {
@@ -162,7 +161,8 @@ fn check_changed(before: &CutSurface, after: &CutSurface, changed: &SurfaceChang
         let row = &cut.rows[v];
         (cut.positions[v], cut.uvs[v], cut.wall_uvs[v], cut.materials[v], row.nodes, row.weights)
     };
-    for v in (0..before.positions.len()).filter(|&v| changed.vertices.binary_search(&(v as u32)).is_err()) {
+    let both = before.positions.len().min(after.positions.len());
+    for v in (0..both).filter(|&v| changed.vertices.binary_search(&(v as u32)).is_err()) {
         assert_eq!(of(before, v), of(after, v));
     }
     assert!((before.positions.len()..after.positions.len()).all(|v| changed.vertices.contains(&(v as u32))));
@@ -172,7 +172,7 @@ fn check_changed(before: &CutSurface, after: &CutSurface, changed: &SurfaceChang
     ];
     for (before, after, changed) in lists {
         let is_same = |t: usize| before.get(t) == after.get(t);
-        assert!((0..after.len()).all(|t| is_same(t) != changed.binary_search(&(t as u32)).is_ok()));
+        assert!((0..after.len()).all(|t| is_same(t) || changed.binary_search(&(t as u32)).is_ok()));
     }
 }
 
@@ -313,6 +313,67 @@ fn random_cuts_leave_closed_surfaces_of_the_right_volume() {
 }
 
 #[test]
+fn many_small_cuts_are_followed() {
+    let mut noise = Noise(23);
+    for n in 0..3 {
+        let mut body = ball();
+        for _ in 0..12 {
+            for _ in 0..4 {
+                let at = Vec3::from_fn(|_, _| 5.0 + 4.0 * noise.next());
+                body.cut([(); 3].map(|()| at + Vec3::from_fn(|_, _| 2.5 * noise.next())), n != 1);
+            }
+            body.surface();
+        }
+    }
+}
+
+#[test]
+fn a_blade_that_goes_on_is_followed_where_it_is() {
+    // A beam is cut lengthwise, by a cell at a time, along a plane that lies at an angle to the grid.
+    let mut body = Tissue::new([40, 10, 8], |_| true, None);
+    let height = |y: f64| 3.7 + 0.13 * y;
+    let at = |x: f64, y: f64| Vec3::new(x, y, height(y));
+    let mut looked_at = Vec::new();
+    for n in 0..32 {
+        let (from, to) = (f64::from(n) - 2.0 * f64::from(u8::from(n == 0)), f64::from(n) + 1.03);
+        let before = body.followed.clone();
+        let (a, b, c, d) = (at(from, -90.0), at(to, -90.0), at(to, 90.0), at(from, 90.0));
+        body.cut([a, b, c], true);
+        let first = body.last.as_ref().unwrap().looked_at;
+        body.cut([a, c, d], true);
+        looked_at.push(first + body.last.as_ref().unwrap().looked_at);
+
+        let after = &body.followed;
+        let used: HashSet<u32> = before.walls.iter().chain(&after.walls).flatten().copied().collect();
+        for v in used.into_iter().map(|v| v as usize).filter(|&v| v < before.positions.len()) {
+            // Points on faces that the cut has only now reached are elsewhere.
+            let stays = before.positions[v] == after.positions[v];
+            assert!(!stays || before.wall_uvs[v] == after.wall_uvs[v]);
+        }
+        if n % 8 == 7 {
+            body.surface();
+        }
+    }
+    // What a step looks at does not grow with what has been cut, and is a small part of everything.
+    let most = |steps: &[usize]| steps.iter().copied().max().unwrap();
+    assert!(most(&looked_at[20..]) <= most(&looked_at[4..20]), "{looked_at:?}");
+    let everything = body.surface.triangles.len() + body.followed.triangles.len() + body.followed.walls.len();
+    assert!(8 * most(&looked_at[4..]) < everything, "{looked_at:?} {everything}");
+}
+
+#[test]
+fn a_cut_that_cannot_be_followed_is_made_anew() {
+    let mut body = ball();
+    body.cut(plane(Vec3::repeat(5.1), Vec3::new(0.1, 0.2, 1.0)), true);
+    body.followed.state.is_behind = true;
+    body.cut(plane(Vec3::repeat(4.3), Vec3::new(1.0, -0.2, 0.3)), true);
+    let changed = body.last.as_ref().unwrap();
+    assert_eq!(changed.vertices.len(), body.followed.positions.len());
+    body.surface();
+    assert!(!body.followed.state.is_behind);
+}
+
+#[test]
 fn random_cuts_of_a_ragged_body_leave_closed_surfaces_of_the_right_volume() {
     let mut noise = Noise(7);
     for n in 0..6 {
@@ -423,6 +484,10 @@ fn a_surface_with_a_hole_where_it_is_cut_is_refused() {
     let mut body = Tissue::new([6, 5, 4], |_| true, Some(mesh));
     body.cut(plane(Vec3::new(3.0, 3.0, 1.7), Vec3::z()), true);
     assert!(CutSurface::new(&body.surface, &body.lattice, &body.topology, &body.beyond).is_err());
+    // One that follows the cut stays as it was.
+    assert!(body.last.is_err());
+    assert_eq!(body.followed.triangles, body.surface.triangles);
+    assert!(body.followed.walls.is_empty());
 }
 
 #[test]

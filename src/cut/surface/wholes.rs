@@ -1,6 +1,6 @@
 //! Which nodes of the tissue are parts of one whole.
 
-use super::grid::{GridNode, node_of, slot};
+use super::grid::{GridNode, has_edge, node_of, slot};
 use super::groups::Groups;
 use crate::cut::topology::LatticeEdge;
 use crate::model::lattice::Lattice;
@@ -17,11 +17,15 @@ pub struct Wholes {
     next: u32,
 }
 
-/// Whether tissue has the edge upward from a slot.
-fn has_edge(lattice: &Lattice, slot: u32, axis: usize) -> bool {
-    // Materials of the four cells that have it.
-    let around = [0xf0f0_f0f0, 0xff00_ff00, 0xffff_0000][axis];
-    lattice.words()[slot as usize] & around != 0
+/// An edge of the tissue from a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Link {
+    /// The slot at its other end.
+    pub to: u32,
+    /// Whether that is the upper one.
+    pub is_upward: bool,
+    /// Whether it is cut.
+    pub is_cut: bool,
 }
 
 impl Wholes {
@@ -32,8 +36,8 @@ impl Wholes {
             Self { labels: Vec::new(), cut: vec![0; count], seen: vec![0; count], next: count as u32 };
         let mut groups = Groups::new(count);
         for slot in lattice.slots() {
-            for (_, other) in wholes.beside(lattice, slot).filter(|&(is_upward, _)| is_upward) {
-                groups.join(slot, other);
+            for link in wholes.links(lattice, slot).filter(|link| link.is_upward) {
+                groups.join(slot, link.to);
             }
         }
         wholes.labels = groups.all();
@@ -45,17 +49,20 @@ impl Wholes {
         self.labels[a as usize] == self.labels[b as usize]
     }
 
-    /// The nodes that uncut edges connect to one, and whether upward.
-    fn beside<'a>(&'a self, lattice: &'a Lattice, node: u32) -> impl Iterator<Item = (bool, u32)> + 'a {
+    /// The edges of the tissue from a node.
+    pub fn links<'a>(&'a self, lattice: &'a Lattice, node: u32) -> impl Iterator<Item = Link> + 'a {
         let at = node_of(lattice, node);
         (0..6).filter_map(move |n| {
             let (axis, is_upward) = (n / 2, n % 2 == 1);
+            if is_upward && !has_edge(lattice, node, axis) {
+                return None;
+            }
             let mut there: GridNode = at;
             there[axis] += if is_upward { 1 } else { -1 };
-            let other = slot(lattice, there)?;
-            let low = if is_upward { node } else { other };
-            let is_way = has_edge(lattice, low, axis) && self.cut[low as usize] >> axis & 1 == 0;
-            is_way.then_some((is_upward, other))
+            let to = slot(lattice, there)?;
+            let low = if is_upward { node } else { to };
+            let is_cut = self.cut[low as usize] >> axis & 1 != 0;
+            (is_upward || has_edge(lattice, low, axis)).then_some(Link { to, is_upward, is_cut })
         })
     }
 
@@ -83,19 +90,24 @@ impl Wholes {
             let mut next = Vec::new();
             for node in front {
                 let group = self.seen[node as usize] - 1;
-                let beside: Vec<u32> = self.beside(lattice, node).map(|(_, other)| other).collect();
-                for other in beside {
-                    match self.seen[other as usize] {
-                        0 => {
-                            self.seen[other as usize] = group + 1;
-                            all.push(other);
-                            next.push(other);
-                        }
+                for link in self.links(lattice, node).filter(|link| !link.is_cut) {
+                    match self.seen[link.to as usize] {
+                        0 => next.push((link.to, group)),
                         met => groups.join(group, met - 1),
                     }
                 }
             }
-            front = next;
+            front = Vec::with_capacity(next.len());
+            for (node, group) in next {
+                match std::mem::replace(&mut self.seen[node as usize], group + 1) {
+                    0 => front.push(node),
+                    met => {
+                        self.seen[node as usize] = met;
+                        groups.join(group, met - 1);
+                    }
+                }
+            }
+            all.extend(&front);
         }
         let moved = self.relabel(&starts, &front, &all, &mut groups);
         for node in all {

@@ -14,8 +14,7 @@ const MAX_POINTS: u32 = 4096;
 /// points at the start and at the end, x, y, z in metres, world frame [point_count * 3]. Where it starts where the last such cut ended it sweeps on, and tissue that has moved against it meanwhile is
 /// cut as well. Rigid tissue is not cut. How many cells were divided, or divided otherwise, goes to cell_count (@nullable cell_count).
 ///
-/// Answers PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0, PLP_ERR_LIMIT where the room is spent, and PLP_ERR_ARGUMENT where a surface is not closed where it is cut: nothing is cut
-/// then. Tools with a blade cut by themselves.
+/// Answers PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0 and PLP_ERR_LIMIT where the room is spent: nothing is cut then. Tools with a blade cut by themselves.
 ///
 /// @thread owner
 #[unsafe(no_mangle)]

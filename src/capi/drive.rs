@@ -103,6 +103,9 @@ fn event_out(event: &Event, id_of: impl Fn(ToolId) -> u64) -> plp_event {
         Event::ServoSilent { time_s, tool } => {
             plp_event { tool_id: id_of(tool), ..plain(PLP_EVENT_SERVO_SILENT, time_s) }
         }
+        Event::SurfaceBehind { time_s, surface } => {
+            plp_event { value: surface as f64, ..plain(PLP_EVENT_SURFACE_BEHIND, time_s) }
+        }
         Event::CutRefused { time_s, tool } => {
             plp_event { tool_id: id_of(tool), ..plain(PLP_EVENT_CUT_REFUSED, time_s) }
         }

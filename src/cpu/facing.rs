@@ -12,9 +12,8 @@ use crate::model::energy;
 /// Share of a cell by which a side is put back in one substep at most.
 const PUSH_LIMIT: f64 = 0.25;
 
-/// Keeps all pairs apart. Returns how far a node was put back at most, in m.
-pub fn keep_apart<R: Real>(all: &[Facing], nodes: &mut Mobile<R>) -> f64 {
-    let h = nodes.bricks.model.lattice().cell_m();
+/// Keeps all pairs apart, in cells of edge length `h`. Returns how far a node was put back at most, in m.
+pub fn keep_apart<R: Real>(all: &[Facing], h: f64, nodes: &mut Mobile<R>) -> f64 {
     let mut furthest = 0.0_f64;
     for facing in all {
         let at = facing.nodes.map(|side| side.map(|slot| nodes.u.vec3(slot)));

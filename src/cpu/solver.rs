@@ -10,7 +10,7 @@ use std::time::Instant;
 use super::contact::{ContactNodes, ContactSurface};
 use super::facing::keep_apart;
 use super::grasp::carry;
-use super::hold::hold;
+use super::hold::Hold;
 use super::lattice::pieces::Pieces;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
 use super::mobile::Mobile;
@@ -51,6 +51,7 @@ struct Core<R: CpuReal> {
     pieces: Pieces<R>,
     /// The sides of cuts.
     facing: Vec<Facing>,
+    hold: Hold,
     corner_kg: [f64; 16],
     kernel: Kernel<R>,
     nodes: Nodes<R>,
@@ -116,6 +117,7 @@ impl<R: CpuReal> CpuSolver<R> {
             tables,
             pieces: Pieces::default(),
             facing: Vec::new(),
+            hold: Hold::default(),
             bricks,
         };
         let omega = core.highest_frequency();
@@ -436,17 +438,13 @@ impl<R: CpuReal> Core<R> {
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let (marks, bricks) = (&self.marks, &self.bricks);
-        let mut mobile = Mobile {
-            u: &mut *u_next,
-            v: v_next.as_mut().unwrap_or(&mut *v),
-            flags: &self.flags,
-            bricks,
-            corner_kg: &self.corner_kg,
-        };
+        let kg = |slot: u32| bricks.node_mass(slot, |m| self.corner_kg[usize::from(m)]);
+        let v_now = v_next.as_mut().unwrap_or(&mut *v);
+        let mut mobile = Mobile { u: &mut *u_next, v: v_now, flags: &self.flags, kg: &kg };
         for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
-            furthest += hold(tool, span[1], [plan.dt, duration], &mut mobile, sum);
+            furthest += self.hold.hold(tool, span[1], [plan.dt, duration], &mut mobile, sum);
         }
-        furthest += keep_apart(&self.facing, &mut mobile);
+        furthest += keep_apart(&self.facing, bricks.model.lattice().cell_m(), &mut mobile);
         let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();
         let mut nodes = ContactNodes {
             u_before: u,

@@ -170,7 +170,10 @@ pub fn divide(crossings: &Crossings) -> Option<Partition> {
     });
     let is_cut = |e: usize| crossings[e].is_some();
     let on_face = FACES.map(|face| {
-        mean(face.edges.into_iter().filter(|&e| is_cut(e)).map(|e| on_edge[e]))
+        // Both cells at a face sum up in the same order, and have the same point to the last bit.
+        let mut edges = face.edges;
+        edges.sort_unstable();
+        mean(edges.into_iter().filter(|&e| is_cut(e)).map(|e| on_edge[e]))
             .unwrap_or_else(|| mean(face.corners.into_iter().map(corner_at)).expect("four corners"))
     });
     let sheet = sheets(crossings);

@@ -63,6 +63,8 @@ pub struct Birth {
 /// What a cut has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Change {
+    /// Edges that have been cut, ascending: also where that divides no cell as yet.
+    pub edges: Vec<LatticeEdge>,
     /// Cells that were divided, or divided further, by the slots of their lowest corners, ascending.
     pub cells: Vec<u32>,
     /// Cells beside them whose pieces hang on other nodes now, ascending.
@@ -187,6 +189,18 @@ impl Topology {
         self.crossings.iter().map(|(&edge, &at)| (edge, at))
     }
 
+    /// All cuts so far as one change, without the births.
+    pub fn everything(&self) -> Change {
+        let mut change = Change {
+            edges: self.crossings.keys().copied().collect(),
+            cells: self.cells.keys().copied().collect(),
+            ..Change::default()
+        };
+        change.edges.sort_unstable();
+        change.cells.sort_unstable();
+        change
+    }
+
     /// Cuts edges, at shares of their lengths from their lower nodes. Those that are cut already stay as they are.
     ///
     /// Fails when there is no room for the copies that this takes; nothing is cut then.
@@ -199,7 +213,13 @@ impl Topology {
         let divided = self.divide_around(lattice, &new);
         let (hung, copies, births) = self.hang(lattice, &divided)?;
 
-        let mut change = Change { cells: divided.keys().copied().collect(), rehung: Vec::new(), births };
+        let mut change = Change {
+            edges: new.keys().copied().collect(),
+            cells: divided.keys().copied().collect(),
+            rehung: Vec::new(),
+            births,
+        };
+        change.edges.sort_unstable();
         change.cells.sort_unstable();
         for (slot, cell) in hung {
             if !divided.contains_key(&slot) && self.cells.get(&slot) != Some(&cell) {

@@ -64,15 +64,10 @@ impl State {
             let sweep = Sweep { from: place(&path.from), to: place(&path.to) };
             let answer = self.cut_along(&mut cuts, &sweep);
             let tool = &mut self.tools[self.planned[planned]];
-            match answer {
-                Ok(0) => {}
-                Ok(_) => tool.is_refused = false,
-                // Told once, until a cut succeeds.
-                Err(_) if std::mem::replace(&mut tool.is_refused, true) => {}
-                Err(_) => {
-                    let (time_s, tool) = (self.statistics.time_s, tool.id);
-                    self.events.tell(Event::CutRefused { time_s, tool });
-                }
+            // Told once: there is no more room until a reset.
+            if answer.is_err() && !std::mem::replace(&mut tool.is_refused, true) {
+                let (time_s, tool) = (self.statistics.time_s, tool.id);
+                self.events.tell(Event::CutRefused { time_s, tool });
             }
         }
         self.cuts = Some(cuts);

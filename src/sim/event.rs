@@ -35,7 +35,14 @@ pub enum Event {
         /// Its tool.
         tool: ToolId,
     },
-    /// A cut was refused: there is no room for what it takes, or a surface that it meets is not closed. Told once, until one succeeds.
+    /// A surface does not show the last cuts: it is not closed where they meet it, or there is no room for it. Told once, until it follows.
+    SurfaceBehind {
+        /// Simulated time, in seconds.
+        time_s: f64,
+        /// Which surface of the model.
+        surface: usize,
+    },
+    /// A cut was refused: there is no room for the copies of nodes that it takes. Told once for each tool, until a reset.
     CutRefused {
         /// Simulated time, in seconds.
         time_s: f64,

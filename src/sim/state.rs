@@ -81,6 +81,8 @@ pub(super) struct State {
     pub(super) cuts: Option<Cuts>,
     /// The model's surfaces, as cuts have left them.
     pub(super) surfaces: Vec<Arc<Surface>>,
+    /// Those that could not follow the last cuts.
+    pub(super) is_behind: Vec<bool>,
     /// Counts what cuts and resets have made of them.
     pub(super) surface_version: u64,
 }
@@ -122,6 +124,7 @@ impl State {
             events,
             cuts: None,
             surfaces: model.surfaces().to_vec(),
+            is_behind: vec![false; model.surfaces().len()],
             surface_version: 0,
             model,
         };
@@ -272,6 +275,7 @@ impl State {
             let outside = tool.entered.filter(|at| self.is_clear(tool, &at.motion.pose)).or(tool.began);
             let tool = &mut self.tools[index];
             tool.stands = outside.or(tool.stands);
+            tool.is_refused = false;
             tool.release(0.0, 0, false);
         }
         self.note_substeps();

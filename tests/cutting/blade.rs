@@ -10,7 +10,7 @@ use palpate::solver::tool::{ToolDesc, ToolMotion};
 use super::{CELL_M, METHODS, beam, simulation, slit};
 
 /// J/m².
-const TOUGHNESS: f64 = 60.0;
+const TOUGHNESS: f64 = 5.0;
 
 /// An edge along y through the origin, longer than any beam is wide.
 fn edge(toughness_j_m2: f64) -> ToolDesc {

@@ -44,7 +44,9 @@ fn check_closed(frame: &SurfaceFrame<'_>, at: &[Vec3]) -> f64 {
     for corners in frame.triangles {
         let [a, b, c] = corners.map(|v| v as usize);
         volume += at[a].cross(&at[b]).dot(&at[c]) / 6.0;
-        for (from, to) in [(a, b), (b, c), (c, a)].map(|(from, to)| (names[from], names[to])) {
+        let edges = [(a, b), (b, c), (c, a)].map(|(from, to)| (names[from], names[to]));
+        // Points that are too near to each other to be told apart are one.
+        for (from, to) in edges.into_iter().filter(|(from, to)| from != to) {
             *balance.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
         }
     }

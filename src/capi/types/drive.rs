@@ -52,8 +52,10 @@ pub const PLP_EVENT_FELL_BEHIND: u32 = 3;
 pub const PLP_EVENT_SERVO_SILENT: u32 = 4;
 /// The buttons of a tool's device have changed, to `buttons`.
 pub const PLP_EVENT_BUTTONS: u32 = 5;
-/// A cut of a tool's blade was refused: the room of plp_sim_desc.cut_nodes is spent, or a surface that it meets is not closed. Told once, until a cut succeeds.
+/// A cut of a tool's blade was refused: the room of plp_sim_desc.cut_nodes is spent. Told once for each tool, until a reset.
 pub const PLP_EVENT_CUT_REFUSED: u32 = 6;
+/// Surface number `value` does not show the last cuts: it is not closed where they meet it, or its room is spent. The tissue is cut all the same. Told once, until it follows.
+pub const PLP_EVENT_SURFACE_BEHIND: u32 = 7;
 
 /// Something that happened while the simulation ran.
 #[repr(C)]
@@ -65,7 +67,8 @@ pub struct plp_event {
     pub buttons: u32,
     /// Simulated time in s.
     pub time_s: f64,
-    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s.
+    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s. SURFACE_BEHIND: the
+    /// surface.
     pub value: f64,
     /// SERVO_SILENT, BUTTONS, CUT_REFUSED: plp_tool_get_id of the tool; 0 for all others.
     pub tool_id: u64,

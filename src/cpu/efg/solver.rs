@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::super::contact::{ContactNodes, ContactSurface};
 use super::super::facing::keep_apart;
-use super::super::hold::hold;
+use super::super::hold::Hold;
 use super::super::mobile::Mobile;
 use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
@@ -62,6 +62,7 @@ pub struct EfgSolver<R: EfgReal> {
     surfaces: Vec<Arc<Surface>>,
     /// The sides of cuts.
     facing: Vec<Facing>,
+    hold: Hold,
     contact: ContactSurface,
     press: Press,
     fastest: f64,
@@ -100,6 +101,7 @@ impl<R: EfgReal> EfgSolver<R> {
             v: Field::zeros(bricks.count()),
             surfaces: model.surfaces().to_vec(),
             facing: Vec::new(),
+            hold: Hold::default(),
             press: Press::of(&contact),
             contact,
             fastest: 0.0,
@@ -244,13 +246,13 @@ impl<R: EfgReal> EfgSolver<R> {
 
     /// Tissue sticks to the edges of blades, and sides of cuts stay apart, once all has moved.
     fn hold(&mut self, plan: &StepPlan, t: f64, sums: &mut [ToolSum]) {
-        let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
         let step = plan.dt * f64::from(plan.substeps);
-        let Self { u, v, flags, bricks, .. } = self;
-        let mut mobile = Mobile { u, v, flags, bricks, corner_kg: &corner_kg };
-        let mut way = keep_apart(&self.facing, &mut mobile);
+        let Self { u, v, flags, bricks, system, facing, hold, .. } = self;
+        let kg = |slot: u32| system.mass(slot);
+        let mut mobile = Mobile { u, v, flags, kg: &kg };
+        let mut way = keep_apart(facing, bricks.model.lattice().cell_m(), &mut mobile);
         for (tool, sum) in plan.tools.iter().zip(sums) {
-            way += hold(tool, t, [plan.dt, step], &mut mobile, sum);
+            way += hold.hold(tool, t, [plan.dt, step], &mut mobile, sum);
         }
         self.fastest += way / plan.dt;
     }

@@ -16,6 +16,11 @@ pub struct Divided {
 }
 
 impl Divided {
+    /// Whether nothing divides the triangle.
+    pub fn is_whole(&self) -> bool {
+        self.inside.is_empty() && self.segments.is_empty() && self.on_edges.iter().all(Vec::is_empty)
+    }
+
     /// The triangles, of the same orientation, that the points and segments divide a triangle with these corners into.
     pub fn triangles(&self, corners: [u32; 3]) -> Result<Vec<[u32; 3]>, Tie> {
         let mut names: Vec<u32> = corners.to_vec();

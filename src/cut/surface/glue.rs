@@ -1,20 +1,21 @@
 //! Joins the parts of a surface and both sheets of its walls to closed surfaces.
 //!
 //! Which parts meet at an edge is known from what they are, not from where they are. Corners of parts that meet become one vertex: so a point gets as many vertices as
-//! there are sides around it, and only those at the front of a cut belong to both.
+//! there are sides around it, and only those at the front of a cut belong to both. What two edges and a point are joined to depends on the parts there alone: where none comes or goes all stays.
 
-use std::collections::{HashMap, HashSet};
-
-use super::arrange::{Arrangement, edges};
-use super::groups::Groups;
+use super::arrange::edges;
+use super::grid::GridNode;
+use super::hash::{Map, Set};
 use super::jitter::Tie;
+use super::points::{Name, Points};
+use super::store::{NONE, Store};
 use super::walls::Walls;
 
-/// One side of a wall's triangle: its index, and 0 for the sheet of the piece that it faces, 1 for that of the piece behind it.
+/// One side of a wall's triangle: its number, and 0 for the sheet of the piece that it faces, 1 for that of the piece behind it.
 pub type Sheet = (u32, usize);
 
 /// What a triangle is a part of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Part {
     /// A triangle of the surface.
     Outer(u32),
@@ -23,87 +24,518 @@ pub enum Part {
 }
 
 /// Where a new vertex is.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
-    /// At a point of the arrangement, by its name.
+    /// At a point.
     Point(u32),
     /// In the middle between two vertices.
-    Middle([u32; 2]),
+    Edge([u32; 2]),
+    /// In the middle of three.
+    Face([u32; 3]),
 }
 
-/// Triangles that are joined.
-pub struct Glued {
-    /// Their corners, and what they are parts of. Vertices are named by numbers: first the surface's, then the new ones.
-    pub faces: Vec<([u32; 3], Part)>,
-    /// The new vertices: where they are, and a sheet that they belong to.
-    pub vertices: Vec<(Place, Sheet)>,
+/// A piece of a cell that something hangs on: the cell, and the corners of the piece, a bit for each.
+pub type Anchor = (GridNode, u8);
+
+/// A vertex that the original surface does not have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Vertex {
+    /// Where it is.
+    pub place: Place,
+    /// What it hangs on.
+    pub anchor: Anchor,
 }
 
-/// No other half of an edge: it lies on a triangle that no wall meets.
-const NONE: u32 = u32::MAX;
+/// A part that has been joined to others. Its half edges have the numbers from three times its own: each starts from a corner.
+#[derive(Clone, Debug)]
+pub struct Face {
+    /// Its corners.
+    pub points: [u32; 3],
+    /// What it is a part of.
+    pub part: Part,
+    /// Which of its edges a wall meets, seen from the wall's front.
+    along: [bool; 3],
+    /// The half edges of others that its own are glued to; [`NONE`] where there is a triangle that no wall meets.
+    twins: [u32; 3],
+    /// The vertices at its corners.
+    vertices: [u32; 3],
+    /// Vertices that halve its edges.
+    middles: [u32; 3],
+    /// A vertex inside.
+    centre: u32,
+    /// The numbers that its triangles have outside.
+    pub slots: Vec<u32>,
+}
 
-/// Joins what a surface of `outer_vertices` vertices and walls have been divided into.
-pub fn glue(arrangement: &Arrangement, walls: &Walls, outer_vertices: u32) -> Result<Glued, Tie> {
-    let mut faces = Vec::new();
-    for (t, parts) in &arrangement.outer {
-        faces.extend(parts.iter().map(|&part| (part, Part::Outer(*t))));
+impl Face {
+    /// All its vertices.
+    pub fn all_vertices(&self) -> impl Iterator<Item = u32> {
+        let all = [self.vertices, self.middles, [self.centre, NONE, NONE]];
+        all.into_iter().flatten().filter(|&v| v != NONE)
     }
-    for &(w, [a, b, c]) in &arrangement.inner {
-        faces.push(([a, c, b], Part::Wall((w, 0))));
-        faces.push(([a, b, c], Part::Wall((w, 1))));
-    }
-    let twins = twins(&faces, arrangement, walls)?;
-    let mut glued = join(faces, &twins, outer_vertices)?;
-    split_twice_used(&mut glued, twins, outer_vertices)?;
-    Ok(glued)
-}
 
-/// The half edges, numbered by three times the face and the corner that they start from, that each is glued to.
-fn twins(faces: &[([u32; 3], Part)], arrangement: &Arrangement, walls: &Walls) -> Result<Vec<u32>, Tie> {
-    let mut at_edge: HashMap<[u32; 2], Vec<u32>> = HashMap::new();
-    for (n, (points, _)) in faces.iter().enumerate() {
-        for (i, [a, b]) in edges(*points).into_iter().enumerate() {
-            at_edge.entry([a.min(b), a.max(b)]).or_default().push((3 * n + i) as u32);
+    /// The triangles that it consists of.
+    pub fn triangles(&self) -> Vec<[u32; 3]> {
+        let (v, m) = (self.vertices, self.middles);
+        if self.centre != NONE {
+            let around: Vec<u32> = (0..3).flat_map(|i| [v[i], m[i]]).filter(|&v| v != NONE).collect();
+            let next = around.iter().cycle().skip(1);
+            return around.iter().zip(next).map(|(&a, &b)| [self.centre, a, b]).collect();
+        }
+        let halved: Vec<usize> = (0..3).filter(|&i| m[i] != NONE).collect();
+        match halved[..] {
+            [] => vec![v],
+            [i] => {
+                let [a, b, c] = [v[i], v[(i + 1) % 3], v[(i + 2) % 3]];
+                vec![[a, m[i], c], [m[i], b, c]]
+            }
+            [i, j] => {
+                // From the edge that is whole.
+                let k = 3 - i - j;
+                let [a, b, c] = [v[k], v[(k + 1) % 3], v[(k + 2) % 3]];
+                let [p, q] = [m[(k + 1) % 3], m[(k + 2) % 3]];
+                vec![[a, b, p], [a, p, q], [p, c, q]]
+            }
+            _ => vec![[v[0], m[0], m[2]], [v[1], m[1], m[0]], [v[2], m[2], m[1]], m],
         }
     }
-    let mut twins = vec![NONE; 3 * faces.len()];
-    let part = |half: u32| faces[half as usize / 3].1;
-    let ends = |half: u32| edges(faces[half as usize / 3].0)[half as usize % 3];
-    for halves in at_edge.values() {
+}
+
+/// All faces and what they are joined to.
+#[derive(Clone, Debug)]
+pub struct Mesh {
+    /// The parts.
+    pub faces: Store<Face>,
+    /// The new vertices; their numbers follow those of the surface's.
+    vertices: Store<Vertex>,
+    outer_vertices: u32,
+    of_part: Map<Part, Vec<u32>>,
+}
+
+/// What has changed since faces were last joined.
+#[derive(Debug, Default)]
+pub struct Joint {
+    /// Points whose faces are others.
+    pub points: Vec<u32>,
+    edges: Vec<[u32; 2]>,
+    /// Faces that are new or have other vertices.
+    pub faces: Set<u32>,
+    /// Vertices that are new, or elsewhere, or hang on another piece; some may be gone again.
+    pub vertices: Set<u32>,
+    /// Numbers that the triangles of faces had which are gone.
+    pub slots: Vec<(Part, u32)>,
+}
+
+fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
+    if a < b { [a, b] } else { [b, a] }
+}
+
+/// Sorts edges by their ends, and leaves each once.
+fn unique(edges: impl IntoIterator<Item = [u32; 2]>) -> impl Iterator<Item = [u32; 2]> {
+    // As one number each they are compared sooner.
+    let joined = edges.into_iter().map(|edge| sorted(edge)).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
+    let mut joined: Vec<u64> = joined.collect();
+    joined.sort_unstable();
+    joined.dedup();
+    joined.into_iter().map(|edge| [(edge >> 32) as u32, edge as u32])
+}
+
+impl Mesh {
+    /// Without a face. The original surface has so many vertices.
+    pub fn new(outer_vertices: u32) -> Self {
+        let (faces, vertices) = (Store::default(), Store::default());
+        Self { faces, vertices, outer_vertices, of_part: Map::default() }
+    }
+
+    /// The faces of a part.
+    pub fn faces_of(&self, part: Part) -> &[u32] {
+        self.of_part.get(&part).map_or(&[], Vec::as_slice)
+    }
+
+    /// A vertex, if it is a new one that is there.
+    pub fn vertex(&self, v: u32) -> Option<Vertex> {
+        let n = v.checked_sub(self.outer_vertices)?;
+        self.vertices.has(n).then(|| self.vertices[n])
+    }
+
+    /// How many vertices the original surface has.
+    pub fn outer_vertex_count(&self) -> usize {
+        self.outer_vertices as usize
+    }
+
+    /// How many numbers of vertices have been given.
+    pub fn vertex_count(&self) -> usize {
+        self.outer_vertices as usize + self.vertices.len()
+    }
+
+    /// Lets numbers of what has been removed be given again.
+    pub fn settle(&mut self) {
+        self.faces.settle();
+        self.vertices.settle();
+    }
+
+    /// Whether a sheet of a wall has an edge between two points.
+    pub fn has_sheet_at(&self, points: &Points, edge: [u32; 2]) -> bool {
+        self.halves_at(points, edge).iter().any(|&half| matches!(self.part(half), Part::Wall(_)))
+    }
+
+    fn part(&self, half: u32) -> Part {
+        self.faces[half / 3].part
+    }
+
+    fn ends(&self, half: u32) -> [u32; 2] {
+        edges(self.faces[half / 3].points)[half as usize % 3]
+    }
+
+    fn twin(&self, half: u32) -> u32 {
+        self.faces[half / 3].twins[half as usize % 3]
+    }
+
+    /// The half edges between two points, in both directions.
+    fn halves_at(&self, points: &Points, [a, b]: [u32; 2]) -> Vec<u32> {
+        let from = |p: u32| &points.get(p).corners;
+        let (a, b) = if from(a).len() <= from(b).len() { (a, b) } else { (b, a) };
+        let mut halves = Vec::new();
+        for &half in from(a) {
+            let (face, i) = (half / 3, half as usize % 3);
+            let corners = self.faces[face].points;
+            if corners[(i + 1) % 3] == b {
+                halves.push(half);
+            }
+            if corners[(i + 2) % 3] == b {
+                halves.push(3 * face + (i as u32 + 2) % 3);
+            }
+        }
+        halves.sort_unstable();
+        halves
+    }
+
+    /// Removes all faces of a part.
+    pub fn remove_part(&mut self, points: &mut Points, part: Part, joint: &mut Joint) {
+        for face in self.faces_of(part).to_vec() {
+            self.remove(points, face, joint);
+        }
+    }
+
+    /// Removes a face.
+    pub fn remove(&mut self, points: &mut Points, face: u32, joint: &mut Joint) {
+        for i in 0..3 {
+            self.set_middle(3 * face + i, NONE, joint);
+        }
+        let gone = self.faces.remove(face);
+        if gone.centre != NONE {
+            self.vertices.remove(gone.centre - self.outer_vertices);
+        }
+        for i in 0..3 {
+            let half = 3 * face + i as u32;
+            points.get_mut(gone.points[i]).corners.retain(|&corner| corner != half);
+            if gone.twins[i] != NONE && self.faces.has(gone.twins[i] / 3) {
+                self.faces[gone.twins[i] / 3].twins[gone.twins[i] as usize % 3] = NONE;
+            }
+        }
+        joint.points.extend(gone.points);
+        joint.edges.extend(edges(gone.points));
+        joint.slots.extend(gone.slots.iter().map(|&slot| (gone.part, slot)));
+        joint.faces.remove(&face);
+        let faces = self.of_part.get_mut(&gone.part).expect("it has had a face");
+        faces.retain(|&other| other != face);
+        if faces.is_empty() {
+            self.of_part.remove(&gone.part);
+        }
+    }
+
+    /// Adds a face.
+    pub fn add(
+        &mut self,
+        points: &mut Points,
+        corners: [u32; 3],
+        part: Part,
+        along: [bool; 3],
+        joint: &mut Joint,
+    ) {
+        let vertices = corners.map(|p| match points.get(p).name {
+            Name::Outer(v) => v,
+            _ => NONE,
+        });
+        let face = self.faces.insert(Face {
+            points: corners,
+            part,
+            along,
+            twins: [NONE; 3],
+            vertices,
+            middles: [NONE; 3],
+            centre: NONE,
+            slots: Vec::new(),
+        });
+        for (i, point) in corners.into_iter().enumerate() {
+            points.get_mut(point).corners.push(3 * face + i as u32);
+        }
+        joint.points.extend(corners);
+        joint.edges.extend(edges(corners));
+        joint.faces.insert(face);
+        self.of_part.entry(part).or_default().push(face);
+    }
+
+    /// Makes the faces of a triangle of the surface those that it is divided into now. Parts that have been there before stay.
+    pub fn divide(
+        &mut self,
+        points: &mut Points,
+        t: u32,
+        parts: &[([u32; 3], [bool; 3])],
+        joint: &mut Joint,
+    ) {
+        let part = Part::Outer(t);
+        let before = self.faces_of(part).to_vec();
+        let is = |mesh: &Self, face: u32| (mesh.faces[face].points, mesh.faces[face].along);
+        let new: Vec<_> =
+            parts.iter().filter(|&&new| !before.iter().any(|&face| is(self, face) == new)).copied().collect();
+        for face in before {
+            if !parts.contains(&is(self, face)) {
+                self.remove(points, face, joint);
+            }
+        }
+        for (corners, along) in new {
+            self.add(points, corners, part, along, joint);
+        }
+    }
+
+    /// Joins what has come and gone to what is there.
+    pub fn join(&mut self, points: &mut Points, walls: &Walls, joint: &mut Joint) -> Result<(), Tie> {
+        joint.points.sort_unstable();
+        joint.points.dedup();
+        for edge in unique(std::mem::take(&mut joint.edges)) {
+            self.pair(points, walls, edge, joint)?;
+        }
+        let mut around = Set::default();
+        for &point in &joint.points {
+            around.extend(points.get(point).corners.iter().map(|half| half / 3));
+        }
+        for n in 0..joint.points.len() {
+            self.share(points, walls, joint.points[n], joint)?;
+        }
+        let beside: Vec<[u32; 2]> =
+            unique(around.into_iter().flat_map(|face| edges(self.faces[face].points))).collect();
+        for edge in beside {
+            self.halve(points, walls, edge, joint)?;
+        }
+        let mut faces: Vec<u32> = joint.faces.iter().copied().collect();
+        faces.sort_unstable();
+        for face in faces {
+            self.centre(walls, face, joint);
+        }
+        Ok(())
+    }
+
+    /// Glues the half edges between two points to each other.
+    fn pair(&mut self, points: &Points, walls: &Walls, edge: [u32; 2], joint: &mut Joint) -> Result<(), Tie> {
+        let halves = self.halves_at(points, edge);
         let (mut outer, mut sheets) = (Vec::new(), Vec::new());
-        for &half in halves {
-            match part(half) {
+        for &half in &halves {
+            match self.part(half) {
                 Part::Outer(t) => outer.push((half, t)),
                 Part::Wall(sheet) => sheets.push((half, sheet)),
             }
         }
         let pairs = match (outer.is_empty(), sheets.is_empty()) {
+            (true, true) => return Ok(()),
             (false, false) => {
-                at_meeting(&outer, &sheets, |half| arrangement.segments.get(&ends(half)).copied())
+                at_meeting(&outer, &sheets, |half| self.faces[half / 3].along[half as usize % 3])
             }
             (false, true) => on_outer(&outer),
-            _ => between_sheets(&sheets, walls),
+            (true, false) => between_sheets(&sheets, walls),
         };
-        for [a, b] in pairs.ok_or(Tie)? {
-            let [p, q] = ends(a);
-            if ends(b) != [q, p] {
+        let pairs = pairs.ok_or(Tie)?;
+        for half in halves {
+            let stays = pairs.contains(&[half, self.twin(half)]) || pairs.contains(&[self.twin(half), half]);
+            if !stays {
+                self.set_middle(half, NONE, joint);
+            }
+        }
+        for [a, b] in pairs {
+            let [p, q] = self.ends(a);
+            if self.ends(b) != [q, p] {
                 return Err(Tie);
             }
-            (twins[a as usize], twins[b as usize]) = (b, a);
+            self.faces[a / 3].twins[a as usize % 3] = b;
+            self.faces[b / 3].twins[b as usize % 3] = a;
+        }
+        Ok(())
+    }
+
+    /// What a sheet hangs on.
+    fn anchor(walls: &Walls, (w, side): Sheet) -> Anchor {
+        let wall = &walls.triangles[w];
+        (wall.cell, wall.pieces[side])
+    }
+
+    /// What an edge of a sheet hangs on.
+    fn anchor_at(&self, walls: &Walls, half: u32) -> Option<Anchor> {
+        let both = [half, self.twin(half)].into_iter().filter(|&half| half != NONE);
+        both.filter_map(|half| match self.part(half) {
+            Part::Wall(sheet) => Some(Self::anchor(walls, sheet)),
+            Part::Outer(_) => None,
+        })
+        .min()
+    }
+
+    /// Gives the corners at a point that are glued a vertex: one that was theirs, where there is one.
+    fn share(
+        &mut self,
+        points: &mut Points,
+        walls: &Walls,
+        point: u32,
+        joint: &mut Joint,
+    ) -> Result<(), Tie> {
+        if matches!(points.get(point).name, Name::Outer(_)) {
+            return Ok(());
+        }
+        let corners = &points.get(point).corners;
+        let mut free = points.get(point).vertices.clone();
+        let after = |half: u32| half - half % 3 + (half + 1) % 3;
+        let mut fans: Vec<(Vec<u32>, Anchor)> = Vec::new();
+        let mut seen: Vec<u32> = Vec::new();
+        for &corner in corners {
+            if seen.contains(&corner) {
+                continue;
+            }
+            let (mut fan, mut anchor, mut half) = (Vec::new(), None, corner);
+            while !(fan.contains(&half)) {
+                fan.push(half);
+                if let Part::Wall(sheet) = self.part(half) {
+                    let there = Self::anchor(walls, sheet);
+                    anchor = Some(anchor.map_or(there, |lowest: Anchor| lowest.min(there)));
+                }
+                let twin = self.twin(half);
+                if twin == NONE {
+                    return Err(Tie);
+                }
+                half = after(twin);
+            }
+            seen.extend(&fan);
+            fans.push((fan, anchor.ok_or(Tie)?));
+        }
+        let mut given = vec![NONE; fans.len()];
+        for ((fan, _), given) in fans.iter().zip(&mut given) {
+            let old = fan.iter().map(|half| self.faces[half / 3].vertices[*half as usize % 3]);
+            if let Some(n) = old.into_iter().find_map(|v| free.iter().position(|&other| other == v)) {
+                *given = free.swap_remove(n);
+            }
+        }
+        let mut vertices = Vec::new();
+        for ((fan, anchor), given) in fans.into_iter().zip(given) {
+            let vertex = Vertex { place: Place::Point(point), anchor };
+            let v = match Some(given).filter(|&v| v != NONE).or_else(|| free.pop()) {
+                Some(v) => v,
+                None => self.new_vertex(vertex, joint),
+            };
+            let known = &mut self.vertices[v - self.outer_vertices];
+            if *known != vertex {
+                *known = vertex;
+                joint.vertices.insert(v);
+            }
+            for half in fan {
+                let corner = &mut self.faces[half / 3].vertices[half as usize % 3];
+                if *corner != v {
+                    *corner = v;
+                    joint.faces.insert(half / 3);
+                }
+            }
+            vertices.push(v);
+        }
+        for v in free {
+            self.vertices.remove(v - self.outer_vertices);
+        }
+        points.get_mut(point).vertices = vertices;
+        Ok(())
+    }
+
+    fn new_vertex(&mut self, vertex: Vertex, joint: &mut Joint) -> u32 {
+        let v = self.outer_vertices + self.vertices.insert(vertex);
+        joint.vertices.insert(v);
+        v
+    }
+
+    /// Halves the edges between two points whose ends another edge has as well, as where a wall has both of its ends on the front of a cut: each edge then has ends of its own.
+    fn halve(
+        &mut self,
+        points: &Points,
+        walls: &Walls,
+        edge: [u32; 2],
+        joint: &mut Joint,
+    ) -> Result<(), Tie> {
+        let ends = |mesh: &Self, half: u32| {
+            let vertices = mesh.faces[half / 3].vertices;
+            sorted([vertices[half as usize % 3], vertices[(half as usize + 1) % 3]])
+        };
+        let mut halves = self.halves_at(points, edge);
+        halves.retain(|&half| self.twin(half) == NONE || half < self.twin(half));
+        let all: Vec<[u32; 2]> = halves.iter().map(|&half| ends(self, half)).collect();
+        for (n, &half) in halves.iter().enumerate() {
+            let middle = self.faces[half / 3].middles[half as usize % 3];
+            if all.iter().filter(|&&other| other == all[n]).count() < 2 {
+                self.set_middle(half, NONE, joint);
+                continue;
+            }
+            // One between parts of the surface stays whole.
+            let Some(anchor) = self.anchor_at(walls, half) else {
+                let mut others = (0..all.len()).filter(|&other| other != n && all[other] == all[n]);
+                if others.any(|other| self.anchor_at(walls, halves[other]).is_none()) {
+                    return Err(Tie);
+                }
+                continue;
+            };
+            let vertex = Vertex { place: Place::Edge(all[n]), anchor };
+            if self.vertex(middle) != Some(vertex) {
+                let new = self.new_vertex(vertex, joint);
+                self.set_middle(half, new, joint);
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes a vertex the middle of an edge, in the place of the one that was.
+    fn set_middle(&mut self, half: u32, middle: u32, joint: &mut Joint) {
+        let before = self.faces[half / 3].middles[half as usize % 3];
+        if before == middle {
+            return;
+        }
+        for half in [half, self.twin(half)].into_iter().filter(|&half| half != NONE) {
+            self.faces[half / 3].middles[half as usize % 3] = middle;
+            joint.faces.insert(half / 3);
+        }
+        if before != NONE {
+            self.vertices.remove(before - self.outer_vertices);
         }
     }
-    Ok(twins)
+
+    /// Gives a wall's face with halved edges a vertex inside: triangles around that share no edge with those of another.
+    fn centre(&mut self, walls: &Walls, face: u32, joint: &mut Joint) {
+        let Face { part, vertices, middles, centre, .. } = self.faces[face];
+        let now = match part {
+            Part::Wall(sheet) if middles != [NONE; 3] => {
+                Some(Vertex { place: Place::Face(vertices), anchor: Self::anchor(walls, sheet) })
+            }
+            _ => None,
+        };
+        if self.vertex(centre) == now {
+            return;
+        }
+        if centre != NONE {
+            self.vertices.remove(centre - self.outer_vertices);
+        }
+        self.faces[face].centre = now.map_or(NONE, |vertex| self.new_vertex(vertex, joint));
+    }
 }
 
 type Pairs = Option<Vec<[u32; 2]>>;
 
 /// Where the surface and a wall meet: what is left of the segment, where the wall faces, is glued to the front.
-fn at_meeting(outer: &[(u32, u32)], sheets: &[(u32, Sheet)], wall: impl Fn(u32) -> Option<u32>) -> Pairs {
+fn at_meeting(outer: &[(u32, u32)], sheets: &[(u32, Sheet)], is_left: impl Fn(u32) -> bool) -> Pairs {
     if outer.len() != 2 || sheets.len() != 2 {
         return None;
     }
     let glued = |&(half, _): &(u32, u32)| {
-        let side = usize::from(wall(half).is_none());
+        let side = usize::from(!is_left(half));
         let &(other, _) = sheets.iter().find(|(_, sheet)| sheet.1 == side)?;
         Some([half, other])
     };
@@ -151,7 +583,7 @@ fn between_sheets(halves: &[(u32, Sheet)], walls: &Walls) -> Pairs {
         };
         return Some(vec![within(0)?, within(1)?]);
     }
-    let wall = |w: u32| &walls.triangles[w as usize];
+    let wall = |w: u32| &walls.triangles[w];
     if let [v, w] = there[..]
         && wall(v).corners[0] == wall(w).corners[0]
     {
@@ -164,98 +596,4 @@ fn between_sheets(halves: &[(u32, Sheet)], walls: &Walls) -> Pairs {
     there.sort_by_key(|&w| wall(w).place.turn);
     let next = there.iter().cycle().skip(1);
     there.iter().zip(next).map(|(&v, &w)| Some([only(v, 1)?, only(w, 0)?])).collect()
-}
-
-/// Gives corners that are glued a vertex.
-fn join(mut faces: Vec<([u32; 3], Part)>, twins: &[u32], outer_vertices: u32) -> Result<Glued, Tie> {
-    let mut groups = Groups::new(twins.len());
-    let after = |half: u32| half - half % 3 + (half + 1) % 3;
-    for half in 0..twins.len() as u32 {
-        let twin = twins[half as usize];
-        if twin != NONE {
-            // The corner that a half edge starts from has its number.
-            groups.join(half, after(twin));
-        }
-    }
-    let mut sheet_of: HashMap<u32, Sheet> = HashMap::new();
-    for half in 0..twins.len() as u32 {
-        if let Part::Wall(sheet) = faces[half as usize / 3].1 {
-            let lowest = sheet_of.entry(groups.of(half)).or_insert(sheet);
-            *lowest = (*lowest).min(sheet);
-        }
-    }
-    let mut vertices = Vec::new();
-    let mut vertex_of: HashMap<u32, u32> = HashMap::new();
-    for (n, (points, _)) in faces.iter_mut().enumerate() {
-        for (i, point) in points.iter_mut().enumerate() {
-            if *point < outer_vertices {
-                continue;
-            }
-            let group = groups.of((3 * n + i) as u32);
-            let next = outer_vertices + vertices.len() as u32;
-            let vertex = *vertex_of.entry(group).or_insert(next);
-            if vertex == next {
-                vertices.push((Place::Point(*point), *sheet_of.get(&group).ok_or(Tie)?));
-            }
-            *point = vertex;
-        }
-    }
-    Ok(Glued { faces, vertices })
-}
-
-/// Halves edges whose ends another edge has as well, as where a wall has both of its ends on the front of a cut: each edge then has ends of its own.
-fn split_twice_used(glued: &mut Glued, mut twins: Vec<u32>, outer_vertices: u32) -> Result<(), Tie> {
-    // Where both triangles at an edge have the same third corner it takes another round.
-    for _ in 0..8 {
-        let mut used = HashSet::new();
-        let mut twice = Vec::new();
-        for half in 0..twins.len() as u32 {
-            let [a, b] = edges(glued.faces[half as usize / 3].0)[half as usize % 3];
-            let is_first = a < b || twins[half as usize] == NONE;
-            if is_first && !used.insert([a, b]) {
-                twice.push(half);
-            }
-        }
-        if twice.is_empty() {
-            return Ok(());
-        }
-        for half in twice {
-            split(glued, &mut twins, half, outer_vertices).ok_or(Tie)?;
-        }
-    }
-    Err(Tie)
-}
-
-/// Halves an edge and both triangles at it.
-fn split(glued: &mut Glued, twins: &mut Vec<u32>, half: u32, outer_vertices: u32) -> Option<()> {
-    let twin = Some(twins[half as usize]).filter(|&twin| twin != NONE)?;
-    let ends = edges(glued.faces[half as usize / 3].0)[half as usize % 3];
-    let sheet = [half, twin].into_iter().find_map(|half| match glued.faces[half as usize / 3].1 {
-        Part::Wall(sheet) => Some(sheet),
-        Part::Outer(_) => None,
-    })?;
-    let middle = outer_vertices + glued.vertices.len() as u32;
-    glued.vertices.push((Place::Middle(ends), sheet));
-    // From a, b, c with the edge a to b: a, m, c stays in its place, and m, b, c is new.
-    let new = [half, twin].map(|half| {
-        let (face, i) = (half as usize / 3, half as usize % 3);
-        let (next, last) = ((i + 1) % 3, (i + 2) % 3);
-        let (corners, part) = glued.faces[face];
-        glued.faces[face].0[next] = middle;
-        let added = glued.faces.len() as u32;
-        glued.faces.push(([middle, corners[next], corners[last]], part));
-        let moved = twins[3 * face + next];
-        twins.extend([NONE, moved, (3 * face + next) as u32]);
-        if moved != NONE {
-            twins[moved as usize] = 3 * added + 1;
-        }
-        twins[3 * face + next] = 3 * added + 2;
-        3 * added
-    });
-    // a to m lies against m to a of the other.
-    twins[half as usize] = new[1];
-    twins[new[1] as usize] = half;
-    twins[twin as usize] = new[0];
-    twins[new[0] as usize] = twin;
-    Some(())
 }

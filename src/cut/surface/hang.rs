@@ -1,6 +1,7 @@
 //! Which nodes carry a point on one side of a cut.
 
-use super::grid::{Grid, GridNode, corner_node};
+use super::glue::Anchor;
+use super::grid::{Grid, GridNode, cells_around, corner_node};
 use super::jitter::{Tie, passage};
 use super::walls::Walls;
 use crate::cut::topology::Topology;
@@ -10,32 +11,43 @@ use crate::model::lattice::Lattice;
 use crate::model::surface::Row;
 
 /// Hangs points on the pieces of cells.
+#[derive(Clone, Copy, Debug)]
 pub struct Hanger<'a> {
     /// The cells.
     pub lattice: &'a Lattice,
     /// Their pieces.
     pub topology: &'a Topology,
     /// What is beside them.
-    pub grid: &'a Grid<'a>,
+    pub grid: &'a Grid,
     /// The walls.
     pub walls: &'a Walls,
 }
 
+/// What a point hangs on.
+#[derive(Clone, Copy, Debug)]
+pub struct Hung {
+    /// The nodes and weights.
+    pub row: Row,
+    /// Material of the cell.
+    pub material: u8,
+    /// Slot of the cell's lowest corner.
+    pub host: u32,
+}
+
 impl Hanger<'_> {
-    /// A point (m) on a piece of a divided cell of the walls, and the material there.
-    pub fn on_piece(&self, cell: u32, piece: usize, at: Vec3) -> Option<(Row, u8)> {
-        let cell = &self.walls.cells[cell as usize];
-        let corners = cell.pieces[piece];
-        self.on_corner(cell.at, corners.trailing_zeros() as usize, at)
+    /// A point (m) on a piece of a cell.
+    pub fn on_piece(&self, (cell, corners): Anchor, at: Vec3) -> Option<Hung> {
+        self.on_corner(cell, corners.trailing_zeros() as usize, at)
     }
 
     /// A vertex of the original surface, where a cut has changed what its row hangs on: it is on the same side as the corner of its cell that no wall hides.
-    pub fn rehung(&self, row: &Row, at: Vec3) -> Result<Option<(Row, u8)>, Tie> {
+    pub fn rehung(&self, row: &Row, at: Vec3) -> Result<Option<Hung>, Tie> {
         let cell: GridNode = (at / self.lattice.cell_m()).map(|x| x.floor() as i32).into();
         let is_host_divided = self.topology.cell(row.nodes[0]).is_some();
-        if !is_host_divided && !self.walls.of_cell.contains_key(&cell) {
+        if !is_host_divided && self.walls.in_cell(cell).is_empty() {
             let node: GridNode = (at / self.lattice.cell_m()).map(|x| x.round() as i32).into();
-            if self.grid.parent(node).is_none_or(|parent| self.grid.are_connected(parent, row.nodes[0])) {
+            let parent = self.grid.parent_near_cut(node);
+            if parent.is_none_or(|parent| self.grid.are_connected(parent, row.nodes[0])) {
                 return Ok(None);
             }
         }
@@ -43,12 +55,12 @@ impl Hanger<'_> {
             let node = Vec3::from(corner_node(cell, *corner).map(f64::from)) * self.lattice.cell_m();
             (node - at).norm()
         };
-        let mut corners: Vec<usize> =
-            (0..8).filter(|&c| self.grid.parent(corner_node(cell, c)).is_some()).collect();
+        let parent = |corner: usize| self.grid.parent(self.lattice, corner_node(cell, corner));
+        let mut corners: Vec<usize> = (0..8).filter(|&corner| parent(corner).is_some()).collect();
         corners.sort_by(|a, b| nearest(a).total_cmp(&nearest(b)));
         for corner in corners {
             if self.sees(at, corner_node(cell, corner))? {
-                let parent = self.grid.parent(corner_node(cell, corner)).expect("corners have parents");
+                let parent = parent(corner).expect("corners have parents");
                 if !is_host_divided && self.grid.are_connected(parent, row.nodes[0]) {
                     return Ok(None);
                 }
@@ -62,8 +74,7 @@ impl Hanger<'_> {
     fn sees(&self, at: Vec3, node: GridNode) -> Result<bool, Tie> {
         let node = Vec3::from(node.map(f64::from)) * self.lattice.cell_m();
         for w in self.walls.near(&at.inf(&node), &at.sup(&node), self.lattice.cell_m()) {
-            let wall = self.walls.triangles[w].corners.map(|p| self.walls.beside[p as usize]);
-            if passage(wall, at, node)?.is_some() {
+            if passage(self.walls.beside(w), at, node)?.is_some() {
                 return Ok(false);
             }
         }
@@ -71,7 +82,7 @@ impl Hanger<'_> {
     }
 
     /// A point on the piece that has a corner of a cell: where the cell is empty, on that of the nearest cell that has the node's parent.
-    fn on_corner(&self, cell: GridNode, corner: usize, at: Vec3) -> Option<(Row, u8)> {
+    fn on_corner(&self, cell: GridNode, corner: usize, at: Vec3) -> Option<Hung> {
         let h = self.lattice.cell_m();
         let is_cell = |cell: GridNode| {
             let at = cell.map(|x| usize::try_from(x).ok());
@@ -83,11 +94,11 @@ impl Hanger<'_> {
         let (host, material, corner) = match is_cell(cell) {
             Some((host, material)) => (host, material, corner),
             None => {
-                let parent =
-                    self.lattice.node_of(self.grid.parent(corner_node(cell, corner))?).map(|x| x as i32);
-                let around = (0..8).filter_map(|corner| {
-                    let (host, material) = is_cell([0, 1, 2].map(|a| parent[a] - (corner >> a & 1)))?;
-                    Some((host, material, corner as usize))
+                let parent = self.grid.parent(self.lattice, corner_node(cell, corner))?;
+                let parent = self.lattice.node_of(parent).map(|x| x as i32);
+                let around = cells_around(parent).into_iter().enumerate().filter_map(|(corner, cell)| {
+                    let (host, material) = is_cell(cell)?;
+                    Some((host, material, corner))
                 });
                 let distance = |host: [usize; 3]| {
                     let low = Vec3::from(host.map(|x| x as f64));
@@ -103,6 +114,6 @@ impl Hanger<'_> {
             divided.pieces.iter().find(|hung| has(hung.piece.corners)).map_or(whole, |hung| hung.nodes)
         });
         let low = Vec3::from(host.map(|x| x as f64));
-        Some((trilinear(nodes, &(at / h - low)), material))
+        Some(Hung { row: trilinear(nodes, &(at / h - low)), material, host: whole[0] })
     }
 }

@@ -9,15 +9,18 @@ use crate::noise::Noise;
 
 const H: f64 = 2e-3;
 
-/// A body: a lattice, its surface and what cuts have made of them.
-struct Body {
+/// Tissue: a lattice, its surface and what cuts have made of them.
+struct Tissue {
     lattice: Lattice,
     surface: Surface,
     topology: Topology,
     beyond: HashMap<GridEdge, f64>,
+    /// Its surface, which followed each cut, and what the last one changed.
+    followed: CutSurface,
+    last: Result<SurfaceChange>,
 }
 
-impl Body {
+impl Tissue {
     fn new(cells: [usize; 3], is_tissue: impl Fn([usize; 3]) -> bool, mesh: Option<TriangleMesh>) -> Self {
         let at = |n: usize| [n % cells[0], n / cells[0] % cells[1], n / cells[0] / cells[1]];
         let materials: Vec<u8> = (0..cells.iter().product()).map(|n| u8::from(is_tissue(at(n)))).collect();
@@ -25,12 +28,14 @@ impl Body {
         let mesh = mesh.unwrap_or_else(|| extract::boundary(cells, H, is_tissue).unwrap());
         let surface = Surface::from_mesh(mesh, &lattice).unwrap();
         let topology = Topology::new(lattice.slot_count() as u32, 1_000_000);
-        Self { lattice, surface, topology, beyond: HashMap::new() }
+        let beyond = HashMap::new();
+        let followed = CutSurface::new(&surface, &lattice, &topology, &beyond).unwrap();
+        Self { lattice, surface, topology, beyond, followed, last: Ok(SurfaceChange::default()) }
     }
 
     /// Cuts all that a triangle crosses, given in cells; beside the tissue only where that is wanted.
     fn cut(&mut self, triangle: [Vec3; 3], is_beyond: bool) {
-        let mut edges = Vec::new();
+        let (mut edges, mut beyond) = (Vec::new(), Vec::new());
         let cells = self.lattice.cells().map(|n| n as i32);
         for k in -4..cells[2] + 4 {
             for j in -4..cells[1] + 4 {
@@ -43,17 +48,31 @@ impl Body {
                             edges.push((LatticeEdge { slot, axis: axis as u8 }, at));
                         } else if is_beyond {
                             self.beyond.entry(([i, j, k], axis)).or_insert(at);
+                            beyond.push((([i, j, k], axis), at));
                         }
                     }
                 }
             }
         }
-        self.topology.cut(&self.lattice, &edges).unwrap();
+        let change = self.topology.cut(&self.lattice, &edges).unwrap();
+        let before = self.followed.clone();
+        self.last = self.followed.update(&self.surface, &self.lattice, &self.topology, &change, beyond);
+        if let Ok(changed) = &self.last {
+            check_changed(&before, &self.followed, changed);
+        }
     }
 
+    /// The cut surface, made anew and as it followed the cuts: both are the same.
     fn surface(&self) -> CutSurface {
         let cut = CutSurface::new(&self.surface, &self.lattice, &self.topology, &self.beyond).unwrap();
         self.check(&cut);
+        assert!(self.last.is_ok());
+        self.check(&self.followed);
+        let [anew, followed] =
+            [&cut, &self.followed].map(|cut| [&cut.triangles, &cut.walls].map(|list| shape(cut, list)));
+        assert_eq!(anew[0].len(), followed[0].len());
+        assert_eq!(anew[1].len(), followed[1].len());
+        assert!(anew == followed);
         cut
     }
 
@@ -97,14 +116,13 @@ impl Body {
         assert!((after - before).abs() < 1e-9 * before, "{after} {before}");
 
         for (row, at) in cut.rows.iter().zip(&cut.positions) {
-            let there: Vec3 = (0..8)
-                .map(|n| {
-                    self.lattice.rest_position(self.topology.origin(row.nodes[n])) * f64::from(row.weights[n])
-                })
-                .sum();
-            // Weights in single precision, large where a vertex lies far outside of the tissue.
-            let most = 1e-6 * row.weights.iter().map(|w| f64::from(w.abs())).sum::<f64>();
-            assert!((there - at).norm() < most * H, "{there} {at}");
+            let node = |n: usize| self.lattice.rest_position(self.topology.origin(row.nodes[n]));
+            let weights = row.weights.map(f64::from);
+            // How far from its place the weights put it, which are in single precision, and large where a vertex lies far outside of the tissue.
+            let off: Vec3 = (0..8).map(|n| (node(n) - at) * weights[n]).sum();
+            let most = 1e-6 * weights.iter().map(|w| w.abs()).sum::<f64>();
+            assert!(off.norm() < most * H, "{off} at {at}");
+            assert!((weights.iter().sum::<f64>() - 1.0).abs() < most);
         }
         let wholes = self.wholes();
         for part in parts(cut) {
@@ -112,6 +130,49 @@ impl Body {
             let whole = of(part[0][0])[0];
             assert!(part.iter().flatten().all(|&v| of(v) == [whole; 8]), "a part hangs on two wholes");
         }
+    }
+}
+
+/// What each triangle of a list is, whatever its number: all of its corners, from the lowest.
+fn shape(cut: &CutSurface, list: &[[u32; 3]]) -> Vec<[Vec<u64>; 3]> {
+    let corner = |v: u32| -> Vec<u64> {
+        let v = v as usize;
+        let (row, uv) = (&cut.rows[v], cut.uvs[v].map(|x| u64::from(x.to_bits())));
+        let places =
+            cut.positions[v].iter().map(|x| x.to_bits()).chain(uv).chain([u64::from(cut.materials[v])]);
+        let nodes = row.nodes.map(u64::from).into_iter().chain(row.weights.map(|w| u64::from(w.to_bits())));
+        places.chain(nodes).collect()
+    };
+    let mut all: Vec<[Vec<u64>; 3]> = there(list)
+        .map(|t| {
+            let mut corners = t.map(corner);
+            let lowest = (0..3).min_by_key(|&i| &corners[i]).unwrap();
+            corners.rotate_left(lowest);
+            corners
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+/// Checks that what a change does not name is what it was.
+fn check_changed(before: &CutSurface, after: &CutSurface, changed: &SurfaceChange) {
+    let of = |cut: &CutSurface, v: usize| {
+        let row = &cut.rows[v];
+        (cut.positions[v], cut.uvs[v], cut.wall_uvs[v], cut.materials[v], row.nodes, row.weights)
+    };
+    let both = before.positions.len().min(after.positions.len());
+    for v in (0..both).filter(|&v| changed.vertices.binary_search(&(v as u32)).is_err()) {
+        assert_eq!(of(before, v), of(after, v));
+    }
+    assert!((before.positions.len()..after.positions.len()).all(|v| changed.vertices.contains(&(v as u32))));
+    let lists = [
+        (&before.triangles, &after.triangles, &changed.triangles),
+        (&before.walls, &after.walls, &changed.walls),
+    ];
+    for (before, after, changed) in lists {
+        let is_same = |t: usize| before.get(t) == after.get(t);
+        assert!((0..after.len()).all(|t| is_same(t) || changed.binary_search(&(t as u32)).is_ok()));
     }
 }
 
@@ -133,7 +194,12 @@ fn area(cut: &CutSurface, triangles: &[[u32; 3]]) -> f64 {
 
 /// The triangles of the outer surface and of the walls.
 fn all(cut: &CutSurface) -> impl Iterator<Item = &[u32; 3]> {
-    cut.triangles.iter().chain(&cut.walls)
+    there(&cut.triangles).chain(there(&cut.walls))
+}
+
+/// Those triangles of a list whose numbers are not free.
+fn there(list: &[[u32; 3]]) -> impl Iterator<Item = &[u32; 3]> {
+    list.iter().filter(|t| **t != [0; 3])
 }
 
 /// The triangles that share vertices, part by part.
@@ -154,8 +220,8 @@ fn is_in_ball(cell: [usize; 3]) -> bool {
     Vec3::from(cell.map(|x| x as f64 - 4.5)).norm() < 4.6
 }
 
-fn ball() -> Body {
-    Body::new([10; 3], is_in_ball, None)
+fn ball() -> Tissue {
+    Tissue::new([10; 3], is_in_ball, None)
 }
 
 /// A triangle far around a point in a plane, in cells.
@@ -229,7 +295,7 @@ fn a_cut_inside_of_the_body_that_no_surface_meets_is_a_closed_pocket() {
     assert_eq!(parts(&cut).len(), 2, "the pocket shares no vertex with the outer surface");
 }
 
-fn random_cuts(mut body: Body, noise: &mut Noise, cuts: usize, is_beyond: bool) {
+fn random_cuts(mut body: Tissue, noise: &mut Noise, cuts: usize, is_beyond: bool) {
     for _ in 0..cuts {
         let size = Vec3::from(body.lattice.cells().map(|n| n as f64));
         let triangle = [(); 3].map(|()| Vec3::from_fn(|axis, _| size[axis] * (0.5 + 0.9 * noise.next())));
@@ -247,11 +313,72 @@ fn random_cuts_leave_closed_surfaces_of_the_right_volume() {
 }
 
 #[test]
+fn many_small_cuts_are_followed() {
+    let mut noise = Noise(23);
+    for n in 0..3 {
+        let mut body = ball();
+        for _ in 0..12 {
+            for _ in 0..4 {
+                let at = Vec3::from_fn(|_, _| 5.0 + 4.0 * noise.next());
+                body.cut([(); 3].map(|()| at + Vec3::from_fn(|_, _| 2.5 * noise.next())), n != 1);
+            }
+            body.surface();
+        }
+    }
+}
+
+#[test]
+fn a_blade_that_goes_on_is_followed_where_it_is() {
+    // A beam is cut lengthwise, by a cell at a time, along a plane that lies at an angle to the grid.
+    let mut body = Tissue::new([40, 10, 8], |_| true, None);
+    let height = |y: f64| 3.7 + 0.13 * y;
+    let at = |x: f64, y: f64| Vec3::new(x, y, height(y));
+    let mut looked_at = Vec::new();
+    for n in 0..32 {
+        let (from, to) = (f64::from(n) - 2.0 * f64::from(u8::from(n == 0)), f64::from(n) + 1.03);
+        let before = body.followed.clone();
+        let (a, b, c, d) = (at(from, -90.0), at(to, -90.0), at(to, 90.0), at(from, 90.0));
+        body.cut([a, b, c], true);
+        let first = body.last.as_ref().unwrap().looked_at;
+        body.cut([a, c, d], true);
+        looked_at.push(first + body.last.as_ref().unwrap().looked_at);
+
+        let after = &body.followed;
+        let used: HashSet<u32> = before.walls.iter().chain(&after.walls).flatten().copied().collect();
+        for v in used.into_iter().map(|v| v as usize).filter(|&v| v < before.positions.len()) {
+            // Points on faces that the cut has only now reached are elsewhere.
+            let stays = before.positions[v] == after.positions[v];
+            assert!(!stays || before.wall_uvs[v] == after.wall_uvs[v]);
+        }
+        if n % 8 == 7 {
+            body.surface();
+        }
+    }
+    // What a step looks at does not grow with what has been cut, and is a small part of everything.
+    let most = |steps: &[usize]| steps.iter().copied().max().unwrap();
+    assert!(most(&looked_at[20..]) <= most(&looked_at[4..20]), "{looked_at:?}");
+    let everything = body.surface.triangles.len() + body.followed.triangles.len() + body.followed.walls.len();
+    assert!(8 * most(&looked_at[4..]) < everything, "{looked_at:?} {everything}");
+}
+
+#[test]
+fn a_cut_that_cannot_be_followed_is_made_anew() {
+    let mut body = ball();
+    body.cut(plane(Vec3::repeat(5.1), Vec3::new(0.1, 0.2, 1.0)), true);
+    body.followed.state.is_behind = true;
+    body.cut(plane(Vec3::repeat(4.3), Vec3::new(1.0, -0.2, 0.3)), true);
+    let changed = body.last.as_ref().unwrap();
+    assert_eq!(changed.vertices.len(), body.followed.positions.len());
+    body.surface();
+    assert!(!body.followed.state.is_behind);
+}
+
+#[test]
 fn random_cuts_of_a_ragged_body_leave_closed_surfaces_of_the_right_volume() {
     let mut noise = Noise(7);
     for n in 0..6 {
         let tissue: Vec<bool> = (0..420).map(|_| noise.next() > -0.7).collect();
-        let body = Body::new([10, 7, 6], |[i, j, k]| tissue[i + 10 * (j + 7 * k)], None);
+        let body = Tissue::new([10, 7, 6], |[i, j, k]| tissue[i + 10 * (j + 7 * k)], None);
         random_cuts(body, &mut noise, 6, n % 2 == 0);
     }
 }
@@ -306,7 +433,7 @@ fn a_hosts_own_mesh_is_cut_far_outside_of_the_tissue_and_within_it() {
     for radius in [3.1, 5.0, 7.3] {
         for is_beyond in [true, false] {
             let mesh = sphere(Vec3::repeat(5.0), radius, 12);
-            random_cuts(Body::new([10; 3], is_in_ball, Some(mesh)), &mut noise, 4, is_beyond);
+            random_cuts(Tissue::new([10; 3], is_in_ball, Some(mesh)), &mut noise, 4, is_beyond);
         }
     }
 }
@@ -316,7 +443,7 @@ fn a_mesh_that_lies_on_the_planes_of_the_grid_is_cut_along_them() {
     // Large triangles, of which a plane through nodes meets corners and whole edges.
     let (low, high) = (Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));
     for height in [2.0, 2.5] {
-        let mut body = Body::new([6, 5, 4], |_| true, Some(cuboid(low, high)));
+        let mut body = Tissue::new([6, 5, 4], |_| true, Some(cuboid(low, high)));
         let nudged = height + 5.3e-7;
         body.cut(plane(Vec3::new(3.0, 3.0, nudged), Vec3::z()), true);
         let cut = body.surface();
@@ -327,7 +454,7 @@ fn a_mesh_that_lies_on_the_planes_of_the_grid_is_cut_along_them() {
         assert!(volumes.iter().any(|v| (v - 30.0 * height).abs() < 0.031), "{volumes:?}");
     }
     let mut noise = Noise(17);
-    random_cuts(Body::new([6, 5, 4], |_| true, Some(cuboid(low, high))), &mut noise, 12, true);
+    random_cuts(Tissue::new([6, 5, 4], |_| true, Some(cuboid(low, high))), &mut noise, 12, true);
 }
 
 #[test]
@@ -347,16 +474,20 @@ fn triangles_without_area_are_cut_like_others() {
         [a, first + 1, first],
     ]);
     let mut noise = Noise(19);
-    random_cuts(Body::new([6, 5, 4], |_| true, Some(mesh)), &mut noise, 12, true);
+    random_cuts(Tissue::new([6, 5, 4], |_| true, Some(mesh)), &mut noise, 12, true);
 }
 
 #[test]
 fn a_surface_with_a_hole_where_it_is_cut_is_refused() {
     let mut mesh = cuboid(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));
     mesh.triangles.truncate(11);
-    let mut body = Body::new([6, 5, 4], |_| true, Some(mesh));
+    let mut body = Tissue::new([6, 5, 4], |_| true, Some(mesh));
     body.cut(plane(Vec3::new(3.0, 3.0, 1.7), Vec3::z()), true);
     assert!(CutSurface::new(&body.surface, &body.lattice, &body.topology, &body.beyond).is_err());
+    // One that follows the cut stays as it was.
+    assert!(body.last.is_err());
+    assert_eq!(body.followed.triangles, body.surface.triangles);
+    assert!(body.followed.walls.is_empty());
 }
 
 #[test]

@@ -1,42 +1,98 @@
 //! Texture coordinates of walls.
+//!
+//! Each point of a wall has its own, from a neighbour's that was there before: as far from it as it is, in the plane of their triangle. So they keep lengths along
+//! what is bent in one direction, as a blade's way is, and never change once they are there. Where fronts of a cut meet that went around something, what lies between is stretched.
 
-use std::collections::BTreeMap;
+use std::collections::VecDeque;
 
-use nalgebra as na;
+use super::hash::Map;
+use super::walls::Walls;
+use crate::math::Vec3;
 
-use super::groups::Groups;
-use crate::math::{Mat3, Vec3};
-
-/// For each vertex of some walls where it is in the plane that its connected wall lies closest to, in cells; 0 for every other vertex.
-pub fn wall_uvs(positions: &[Vec3], triangles: &[[u32; 3]], cell_m: f64) -> Vec<[f32; 2]> {
-    let mut groups = Groups::new(positions.len());
-    for &[a, b, c] in triangles {
-        groups.join(a, b);
-        groups.join(a, c);
-    }
-    // The plane whose normal has the greatest share of all triangles' areas, whichever side they face.
-    let mut sums: BTreeMap<u32, Mat3> = BTreeMap::new();
-    for corners in triangles {
-        let [a, b, c] = corners.map(|v| positions[v as usize] / cell_m);
-        let normal = (b - a).cross(&(c - a));
-        let length = normal.norm().max(f64::MIN_POSITIVE);
-        let sum = sums.entry(groups.of(corners[0])).or_insert_with(Mat3::zeros);
-        *sum += normal * normal.transpose() / length;
-    }
-    let planes: BTreeMap<u32, [Vec3; 2]> = sums.into_iter().map(|(wall, sum)| (wall, axes(&sum))).collect();
-    let mut uvs = vec![[0.0; 2]; positions.len()];
-    for &v in triangles.iter().flatten() {
-        let plane = &planes[&groups.of(v)];
-        uvs[v as usize] = plane.map(|axis| (axis.dot(&positions[v as usize]) / cell_m) as f32);
-    }
-    uvs
+/// Texture coordinates at a point, and the plane in which they run on from there.
+#[derive(Clone, Copy, Debug)]
+pub struct Chart {
+    /// Texture coordinates, in cells.
+    uv: [f64; 2],
+    normal: Vec3,
+    /// The direction in the plane along which the first coordinate grows.
+    along: Vec3,
 }
 
-/// Two axes in the plane, the first as close as can be to the grid's axis that is closest to the plane.
-fn axes(sum: &Mat3) -> [Vec3; 2] {
-    let eigen = na::SymmetricEigen::new(*sum);
-    let normal: Vec3 = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into();
-    let u = Vec3::ith(normal.iamin(), 1.0);
-    let u = (u - normal * normal.dot(&u)).normalize();
-    [u, normal.cross(&u)]
+impl Chart {
+    /// Texture coordinates, in cells.
+    pub fn uv(&self) -> [f32; 2] {
+        self.uv.map(|x| x as f32)
+    }
+
+    /// In the plane with a normal, the first coordinate along the axis of the grid that is closest to it.
+    fn first(normal: Vec3, at: Vec3) -> Self {
+        let along = Vec3::ith(normal.iamin(), 1.0);
+        let along = (along - normal * normal.dot(&along)).normalize();
+        Self { uv: [along.dot(&at), normal.cross(&along).dot(&at)], normal, along }
+    }
+
+    /// In another plane, turned the shortest way.
+    fn turned(&self, normal: Vec3) -> Self {
+        let normal = if normal.dot(&self.normal) < 0.0 { -normal } else { normal };
+        let turn = self.normal.cross(&normal);
+        let cosine = self.normal.dot(&normal);
+        let along = self.along;
+        let along = along * cosine + turn.cross(&along) + turn * (turn.dot(&along) / (1.0 + cosine));
+        Self { along: (along - normal * normal.dot(&along)).normalize(), normal, ..*self }
+    }
+
+    /// So far from here.
+    fn moved(&self, by: Vec3) -> Self {
+        let across = self.normal.cross(&self.along);
+        Self { uv: [self.uv[0] + self.along.dot(&by), self.uv[1] + across.dot(&by)], ..*self }
+    }
+}
+
+/// Gives the points of new triangles that have none texture coordinates.
+pub fn unroll(walls: &mut Walls, new: &[u32], cell_m: f64) {
+    let mut of_point: Map<u32, Vec<u32>> = Map::default();
+    for &w in new {
+        for point in walls.triangles[w].corners {
+            of_point.entry(point).or_default().push(w);
+        }
+    }
+    let mut queue: VecDeque<u32> = VecDeque::new();
+    let is_known = |walls: &Walls, w: u32| {
+        walls.triangles[w].corners.iter().any(|&point| walls.points[point].chart.is_some())
+    };
+    queue.extend(new.iter().filter(|&&w| is_known(walls, w)));
+    for &first in new {
+        loop {
+            while let Some(w) = queue.pop_front() {
+                for point in spread(walls, w, cell_m) {
+                    queue.extend(&of_point[&point]);
+                }
+            }
+            if is_known(walls, first) {
+                break;
+            }
+            queue.push_back(first);
+        }
+    }
+}
+
+/// Gives a triangle's points that have none texture coordinates; returns those points.
+fn spread(walls: &mut Walls, w: u32, cell_m: f64) -> Vec<u32> {
+    let corners = walls.triangles[w].corners;
+    let new: Vec<u32> = corners.into_iter().filter(|&point| walls.points[point].chart.is_none()).collect();
+    if new.is_empty() {
+        return new;
+    }
+    let at = |point: u32| walls.points[point].at / cell_m;
+    let [a, b, c] = corners.map(at);
+    let normal = (b - a).cross(&(c - a)).try_normalize(1e-9);
+    let known = corners.into_iter().find_map(|point| Some((at(point), walls.points[point].chart?)));
+    let (from, chart) = known.unwrap_or_else(|| (a, Chart::first(normal.unwrap_or(Vec3::z()), a)));
+    let chart = normal.map_or(chart, |normal| chart.turned(normal));
+    let charts: Vec<Chart> = new.iter().map(|&point| chart.moved(at(point) - from)).collect();
+    for (&point, chart) in new.iter().zip(charts) {
+        walls.points[point].chart = Some(chart);
+    }
+    new
 }

@@ -210,10 +210,10 @@ impl State {
         if crossed.is_empty() && beyond.is_empty() {
             return Ok(0);
         }
+        let change = cuts.topology.cut(lattice, &crossed)?;
         for &(edge, at) in &beyond {
             cuts.beyond.entry(edge).or_insert(at);
         }
-        let change = cuts.topology.cut(lattice, &crossed)?;
         if cuts.topology.version() == 0 {
             return Ok(0);
         }

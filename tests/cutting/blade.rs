@@ -50,6 +50,8 @@ fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissu
         let mut sim = simulation(&model, method, Vec3::zeros());
         let mut blade = sim.add_tool(&edge(TOUGHNESS)).unwrap();
         let expected = TOUGHNESS * f64::from(width) * CELL_M;
+        // Tissue that is pressed is a little wider, and the edge is asked at points half a cell apart.
+        let limit = expected + 0.501 * TOUGHNESS * CELL_M;
         let (mut sum, mut count, mut most) = (Vec3::zeros(), 0, 0.0_f64);
         for step in 0..700 {
             let x = 20.5 - 0.02 * f64::from(step);
@@ -61,9 +63,9 @@ fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissu
             }
         }
         let mean = sum / f64::from(count);
-        assert!(sim.parts().len() == 1 && most < 1.0001 * expected, "{most} of {expected}");
+        assert!(sim.parts().len() == 1 && most < limit, "{most} of {expected}");
         // Tissue springs back at each cell that opens, and then sticks anew: less than the limit for a while.
-        assert!(mean.x > 0.7 * expected && mean.x < 1.0001 * expected, "{mean:?} of {expected}");
+        assert!(mean.x > 0.7 * expected && mean.x < limit, "{mean:?} of {expected}");
         assert!(mean.yz().norm() < 0.2 * mean.x, "{mean:?}");
         // Drawn back through its own cut it meets nothing.
         for step in 0..100 {

@@ -104,7 +104,8 @@ fn a_cut_is_seen_as_closed_parts_with_walls_in_the_blades_plane() {
 fn what_was_cut_off_is_drawn_where_it_falls() {
     for method in METHODS {
         let model = beam([12, 3, 4], true);
-        let mut sim = simulation(&model, method, -9.81 * Vec3::z());
+        // Away from what is held.
+        let mut sim = simulation(&model, method, 9.81 * Vec3::x());
         let mut surface = sim.open_surface(0).unwrap();
         let blade = |y: f64| [-99.0, 99.0].map(|z| Vec3::new(6.35, y, z) * CELL_M);
         sim.cut(&blade(-1.0), &blade(4.0)).unwrap();
@@ -116,10 +117,10 @@ fn what_was_cut_off_is_drawn_where_it_falls() {
         // Beyond the cut all has fallen by g t²/2; the held rest hangs. Explicit velocities lag by half a step.
         let fallen = 0.5 * 9.81 * 0.06 * 0.06;
         for (a, b) in rest.iter().zip(&now).filter(|(a, _)| a.x > 6.5 * CELL_M) {
-            assert!(((a.z - b.z) / fallen - 1.0).abs() < 0.03, "{} of {fallen}", a.z - b.z);
+            assert!(((b.x - a.x) / fallen - 1.0).abs() < 0.03, "{} of {fallen}", b.x - a.x);
         }
         let held = rest.iter().zip(&now).filter(|(a, _)| a.x < 6.2 * CELL_M);
-        assert!(held.map(|(a, b)| a.z - b.z).fold(0.0, f64::max) < 0.1 * fallen);
+        assert!(held.map(|(a, b)| b.x - a.x).fold(0.0, f64::max) < 0.1 * fallen);
     }
 }
 
@@ -162,12 +163,12 @@ fn a_part_that_was_cut_off_comes_to_lie_on_the_other() {
         let mut surface = sim.open_surface(0).unwrap();
         let rest = points(&surface.map().unwrap());
         let momentum = |sim: &Sim| sim.parts().iter().map(|p| p.velocity_m_s * p.mass_kg).sum::<Vec3>();
-        (0..400).for_each(|_| sim.step().unwrap());
+        (0..150).for_each(|_| sim.step().unwrap());
         assert_eq!(sim.parts().len(), 2);
         assert!(momentum(&sim).norm() < 0.02 * mass, "it lies still: {:?}", momentum(&sim) / mass);
         let now = points(&surface.map().unwrap());
         let sunk = rest.iter().zip(&now).map(|(a, b)| a.z - b.z).fold(0.0, f64::max);
-        // In 0.4 s it would have fallen by 0.78 m; as one piece it sinks by a few hundredths of a cell.
+        // In 0.15 s it would have fallen by 0.11 m; as one piece it sinks by a few hundredths of a cell.
         assert!(sunk < 0.3 * CELL_M, "{} cells", sunk / CELL_M);
     }
 }

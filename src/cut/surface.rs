@@ -84,7 +84,7 @@ pub struct SurfaceChange {
     pub triangles: Vec<u32>,
     /// Triangles of walls that are new, gone or have other vertices.
     pub walls: Vec<u32>,
-    /// How many cells, nodes, triangles and vertices were looked at: what the update took.
+    /// How many cells, triangles, points and vertices were looked at, and nodes that belong to others now: what the update took, but for the search of a way around the cut.
     pub looked_at: usize,
 }
 

@@ -133,7 +133,7 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
 /// Sorts edges by their ends, and leaves each once.
 fn unique(edges: impl IntoIterator<Item = [u32; 2]>) -> impl Iterator<Item = [u32; 2]> {
     // As one number each they are compared sooner.
-    let joined = edges.into_iter().map(|edge| sorted(edge)).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
+    let joined = edges.into_iter().map(sorted).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
     let mut joined: Vec<u64> = joined.collect();
     joined.sort_unstable();
     joined.dedup();
@@ -347,6 +347,7 @@ impl Mesh {
             let stays = pairs.contains(&[half, self.twin(half)]) || pairs.contains(&[self.twin(half), half]);
             if !stays {
                 self.set_middle(half, NONE, joint);
+                self.faces[half / 3].twins[half as usize % 3] = NONE;
             }
         }
         for [a, b] in pairs {

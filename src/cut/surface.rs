@@ -87,7 +87,7 @@ pub struct SurfaceChange {
     pub triangles: Vec<u32>,
     /// Triangles of walls that are new, gone or have other vertices.
     pub walls: Vec<u32>,
-    /// How many cells, nodes, triangles and vertices were looked at: what the update took.
+    /// How many cells, triangles, points and vertices were looked at, and nodes that belong to others now: what the update took, but for the search of a way around the cut.
     pub looked_at: usize,
 }
 
@@ -175,7 +175,7 @@ impl CutSurface {
         let change = body.topology.everything();
         let index = Arc::new(Index::new(body.surface, body.lattice.cell_m()));
         for seed in 0..ATTEMPTS {
-            let mut cut = Self::uncut(body, index.clone(), seed);
+            let mut cut = Self::uncut(body, &change, index.clone(), seed);
             let crossed = cut.state.grid.cross(beyond.iter().copied());
             if cut.follow(body, &change, &crossed).is_ok() {
                 return Ok(cut);
@@ -184,7 +184,8 @@ impl CutSurface {
         Err(Error::argument("the surface is not closed where it is cut, or passes through itself there"))
     }
 
-    fn uncut(Body { surface, lattice, .. }: Body<'_>, index: Arc<Index>, seed: u64) -> Self {
+    /// What shows no cut as yet, and `change` is to come.
+    fn uncut(Body { surface, lattice, .. }: Body<'_>, change: &Change, index: Arc<Index>, seed: u64) -> Self {
         let count = surface.positions.len();
         Self {
             positions: surface.positions.clone(),
@@ -196,7 +197,7 @@ impl CutSurface {
             rows: surface.rows.clone(),
             state: State {
                 index,
-                grid: Grid::new(lattice, reach(surface, lattice)),
+                grid: Grid::new(lattice, &change.edges, reach(surface, lattice)),
                 walls: Walls::default(),
                 points: Points::default(),
                 mesh: Mesh::new(count as u32),

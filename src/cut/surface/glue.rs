@@ -133,7 +133,7 @@ fn sorted([a, b]: [u32; 2]) -> [u32; 2] {
 /// Sorts edges by their ends, and leaves each once.
 fn unique(edges: impl IntoIterator<Item = [u32; 2]>) -> impl Iterator<Item = [u32; 2]> {
     // As one number each they are compared sooner.
-    let joined = edges.into_iter().map(|edge| sorted(edge)).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
+    let joined = edges.into_iter().map(sorted).map(|[a, b]| u64::from(a) << 32 | u64::from(b));
     let mut joined: Vec<u64> = joined.collect();
     joined.sort_unstable();
     joined.dedup();
@@ -176,7 +176,7 @@ impl Mesh {
 
     /// Whether a sheet of a wall has an edge between two points.
     pub fn has_sheet_at(&self, points: &Points, edge: [u32; 2]) -> bool {
-        self.halves_at(points, edge).iter().any(|&half| matches!(self.part(half), Part::Wall(_)))
+        self.halves_at(points, edge).any(|half| matches!(self.part(half), Part::Wall(_)))
     }
 
     fn part(&self, half: u32) -> Part {
@@ -192,22 +192,17 @@ impl Mesh {
     }
 
     /// The half edges between two points, in both directions.
-    fn halves_at(&self, points: &Points, [a, b]: [u32; 2]) -> Vec<u32> {
+    fn halves_at<'a>(&'a self, points: &'a Points, [a, b]: [u32; 2]) -> impl Iterator<Item = u32> + 'a {
         let from = |p: u32| &points.get(p).corners;
         let (a, b) = if from(a).len() <= from(b).len() { (a, b) } else { (b, a) };
-        let mut halves = Vec::new();
-        for &half in from(a) {
-            let (face, i) = (half / 3, half as usize % 3);
+        from(a).iter().flat_map(move |&half| {
+            let (face, i) = (half / 3, half % 3);
             let corners = self.faces[face].points;
-            if corners[(i + 1) % 3] == b {
-                halves.push(half);
-            }
-            if corners[(i + 2) % 3] == b {
-                halves.push(3 * face + (i as u32 + 2) % 3);
-            }
-        }
-        halves.sort_unstable();
-        halves
+            let [next, last] = [(i + 1) % 3, (i + 2) % 3];
+            let leaves = (corners[next as usize] == b).then_some(half);
+            let comes = (corners[last as usize] == b).then_some(3 * face + last);
+            leaves.into_iter().chain(comes)
+        })
     }
 
     /// Removes all faces of a part.
@@ -306,16 +301,18 @@ impl Mesh {
         for edge in unique(std::mem::take(&mut joint.edges)) {
             self.pair(points, walls, edge, joint)?;
         }
-        let mut around = Set::default();
-        for &point in &joint.points {
-            around.extend(points.get(point).corners.iter().map(|half| half / 3));
-        }
         for n in 0..joint.points.len() {
             self.share(points, walls, joint.points[n], joint)?;
         }
-        let beside: Vec<[u32; 2]> =
-            unique(around.into_iter().flat_map(|face| edges(self.faces[face].points))).collect();
-        for edge in beside {
+        // Only edges that end at such a point may have ends that another has as well.
+        let mut beside = Vec::new();
+        for &point in &joint.points {
+            for &half in &points.get(point).corners {
+                let last = half - half % 3 + (half + 2) % 3;
+                beside.extend([self.ends(half), self.ends(last)]);
+            }
+        }
+        for edge in unique(beside) {
             self.halve(points, walls, edge, joint)?;
         }
         let mut faces: Vec<u32> = joint.faces.iter().copied().collect();
@@ -328,7 +325,8 @@ impl Mesh {
 
     /// Glues the half edges between two points to each other.
     fn pair(&mut self, points: &Points, walls: &Walls, edge: [u32; 2], joint: &mut Joint) -> Result<(), Tie> {
-        let halves = self.halves_at(points, edge);
+        let mut halves: Vec<u32> = self.halves_at(points, edge).collect();
+        halves.sort_unstable();
         let (mut outer, mut sheets) = (Vec::new(), Vec::new());
         for &half in &halves {
             match self.part(half) {
@@ -349,6 +347,7 @@ impl Mesh {
             let stays = pairs.contains(&[half, self.twin(half)]) || pairs.contains(&[self.twin(half), half]);
             if !stays {
                 self.set_middle(half, NONE, joint);
+                self.faces[half / 3].twins[half as usize % 3] = NONE;
             }
         }
         for [a, b] in pairs {
@@ -392,15 +391,16 @@ impl Mesh {
         let corners = &points.get(point).corners;
         let mut free = points.get(point).vertices.clone();
         let after = |half: u32| half - half % 3 + (half + 1) % 3;
-        let mut fans: Vec<(Vec<u32>, Anchor)> = Vec::new();
-        let mut seen: Vec<u32> = Vec::new();
+        // All corners, fan by fan, and for each fan where it ends.
+        let mut around: Vec<u32> = Vec::with_capacity(corners.len());
+        let mut fans: Vec<(usize, Anchor)> = Vec::with_capacity(2);
         for &corner in corners {
-            if seen.contains(&corner) {
+            if around.contains(&corner) {
                 continue;
             }
-            let (mut fan, mut anchor, mut half) = (Vec::new(), None, corner);
-            while !(fan.contains(&half)) {
-                fan.push(half);
+            let (first, mut anchor, mut half) = (around.len(), None, corner);
+            while !around[first..].contains(&half) {
+                around.push(half);
                 if let Part::Wall(sheet) = self.part(half) {
                     let there = Self::anchor(walls, sheet);
                     anchor = Some(anchor.map_or(there, |lowest: Anchor| lowest.min(there)));
@@ -411,20 +411,21 @@ impl Mesh {
                 }
                 half = after(twin);
             }
-            seen.extend(&fan);
-            fans.push((fan, anchor.ok_or(Tie)?));
+            fans.push((around.len(), anchor.ok_or(Tie)?));
         }
-        let mut given = vec![NONE; fans.len()];
-        for ((fan, _), given) in fans.iter().zip(&mut given) {
-            let old = fan.iter().map(|half| self.faces[half / 3].vertices[*half as usize % 3]);
-            if let Some(n) = old.into_iter().find_map(|v| free.iter().position(|&other| other == v)) {
-                *given = free.swap_remove(n);
-            }
-        }
-        let mut vertices = Vec::new();
-        for ((fan, anchor), given) in fans.into_iter().zip(given) {
+        let starts: Vec<usize> = std::iter::once(0).chain(fans.iter().map(|&(end, _)| end)).collect();
+        let given: Vec<Option<u32>> = (0..fans.len())
+            .map(|n| {
+                let fan = around[starts[n]..starts[n + 1]].iter();
+                let mut old = fan.map(|half| self.faces[half / 3].vertices[*half as usize % 3]);
+                let known = old.find_map(|v| free.iter().position(|&other| other == v));
+                known.map(|n| free.swap_remove(n))
+            })
+            .collect();
+        let mut vertices = Vec::with_capacity(fans.len());
+        for (n, (_, anchor)) in fans.into_iter().enumerate() {
             let vertex = Vertex { place: Place::Point(point), anchor };
-            let v = match Some(given).filter(|&v| v != NONE).or_else(|| free.pop()) {
+            let v = match given[n].or_else(|| free.pop()) {
                 Some(v) => v,
                 None => self.new_vertex(vertex, joint),
             };
@@ -433,7 +434,7 @@ impl Mesh {
                 *known = vertex;
                 joint.vertices.insert(v);
             }
-            for half in fan {
+            for &half in &around[starts[n]..starts[n + 1]] {
                 let corner = &mut self.faces[half / 3].vertices[half as usize % 3];
                 if *corner != v {
                     *corner = v;
@@ -467,8 +468,18 @@ impl Mesh {
             let vertices = mesh.faces[half / 3].vertices;
             sorted([vertices[half as usize % 3], vertices[(half as usize + 1) % 3]])
         };
-        let mut halves = self.halves_at(points, edge);
-        halves.retain(|&half| self.twin(half) == NONE || half < self.twin(half));
+        let is_first = |half: &u32| self.twin(*half) == NONE || *half < self.twin(*half);
+        let firsts = || self.halves_at(points, edge).filter(is_first);
+        let is_alone = |half: u32| {
+            let mut others = firsts().filter(|&other| other != half);
+            others.all(|other| ends(self, other) != ends(self, half))
+        };
+        let is_whole = |half: u32| self.faces[half / 3].middles[half as usize % 3] == NONE;
+        if firsts().all(|half| is_whole(half) && is_alone(half)) {
+            return Ok(());
+        }
+        let mut halves: Vec<u32> = firsts().collect();
+        halves.sort_unstable();
         let all: Vec<[u32; 2]> = halves.iter().map(|&half| ends(self, half)).collect();
         for (n, &half) in halves.iter().enumerate() {
             let middle = self.faces[half / 3].middles[half as usize % 3];

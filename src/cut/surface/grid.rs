@@ -156,14 +156,14 @@ fn depths(lattice: &Lattice) -> Vec<u8> {
 }
 
 impl Grid {
-    /// Without a cut. The margin will reach `reach` cells far.
-    pub fn new(lattice: &Lattice, reach: usize) -> Self {
+    /// Without walls as yet, in a lattice of which some edges are cut. The margin will reach `reach` cells far.
+    pub fn new(lattice: &Lattice, cut: &[LatticeEdge], reach: usize) -> Self {
         Self {
             reach,
             beyond: Map::default(),
             margin: Map::default(),
             parents: Parents::default(),
-            wholes: Wholes::new(lattice),
+            wholes: Wholes::new(lattice, cut),
             depths: depths(lattice),
             widest: 1,
         }

@@ -59,6 +59,9 @@ impl Tissue {
         self.last = self.followed.update(&self.surface, &self.lattice, &self.topology, &change, beyond);
         if let Ok(changed) = &self.last {
             check_changed(&before, &self.followed, changed);
+            // Only a tie of the points themselves, or what went before, lets all be made anew.
+            let is_anew = changed.vertices.len() == self.followed.positions.len();
+            assert!(!is_anew || before.state.is_behind || self.followed.state.seed != before.state.seed);
         }
     }
 

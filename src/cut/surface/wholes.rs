@@ -29,14 +29,17 @@ pub struct Link {
 }
 
 impl Wholes {
-    /// Of a lattice without a cut.
-    pub fn new(lattice: &Lattice) -> Self {
+    /// Of a lattice in which some edges are cut.
+    pub fn new(lattice: &Lattice, edges: &[LatticeEdge]) -> Self {
         let count = lattice.slot_count();
         let mut wholes =
             Self { labels: Vec::new(), cut: vec![0; count], seen: vec![0; count], next: count as u32 };
+        for edge in edges {
+            wholes.cut[edge.slot as usize] |= 1 << edge.axis;
+        }
         let mut groups = Groups::new(count);
         for slot in lattice.slots() {
-            for link in wholes.links(lattice, slot).filter(|link| link.is_upward) {
+            for link in wholes.links(lattice, slot).filter(|link| link.is_upward && !link.is_cut) {
                 groups.join(slot, link.to);
             }
         }
@@ -66,13 +69,17 @@ impl Wholes {
         })
     }
 
-    /// Cuts edges. Returns the nodes that are parts of another whole than before.
+    /// Cuts edges, those that are not cut. Returns the nodes that are parts of another whole than before.
     ///
     /// It looks as far from the edges as a way around them is long. Where there is none it goes to the end of the smaller part.
     pub fn cut(&mut self, lattice: &Lattice, edges: &[LatticeEdge]) -> Vec<u32> {
         let mut all: Vec<u32> = Vec::new();
         for edge in edges {
-            self.cut[edge.slot as usize] |= 1 << edge.axis;
+            let cut = &mut self.cut[edge.slot as usize];
+            if *cut >> edge.axis & 1 != 0 {
+                continue;
+            }
+            *cut |= 1 << edge.axis;
             let mut high = node_of(lattice, edge.slot);
             high[usize::from(edge.axis)] += 1;
             for node in [Some(edge.slot), slot(lattice, high)].into_iter().flatten() {

@@ -40,6 +40,13 @@ fn ports_work_while_the_simulation_steps() {
 }
 
 #[test]
+fn a_block_is_cut_by_hand_and_with_a_blade() {
+    if let Some(said) = run_c("cutting") {
+        assert_eq!(said, "cutting: ok\n");
+    }
+}
+
+#[test]
 fn a_haptic_device_feels_the_tissue_and_nothing_else() {
     if let Some(said) = run_c("servo") {
         assert_eq!(said, "servo: ok\n");

@@ -13,6 +13,8 @@ use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 
 #[path = "cutting/blade.rs"]
 mod blade;
+#[path = "cutting/opening.rs"]
+mod opening;
 #[path = "cutting/surface.rs"]
 mod surface;
 

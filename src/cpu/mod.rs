@@ -3,10 +3,12 @@
 pub mod contact;
 pub mod denormal;
 pub mod efg;
+mod facing;
 mod grasp;
 mod hold;
 pub(crate) mod lanes;
 pub mod lattice;
+mod mobile;
 pub mod nodes;
 pub mod sleep;
 pub mod solver;

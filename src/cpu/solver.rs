@@ -8,15 +8,18 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::contact::{ContactNodes, ContactSurface};
+use super::facing::keep_apart;
 use super::grasp::carry;
-use super::hold::{HeldNodes, hold};
+use super::hold::hold;
 use super::lattice::pieces::Pieces;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
+use super::mobile::Mobile;
 use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
 use super::sleep::{Sleep, Thresholds};
 use super::stability;
 use super::surface;
 use super::workers::{Member, Workers};
+use crate::cut::facing::Facing;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -46,6 +49,8 @@ struct Core<R: CpuReal> {
     flags: Vec<u8>,
     tables: LawTables<R>,
     pieces: Pieces<R>,
+    /// The sides of cuts.
+    facing: Vec<Facing>,
     corner_kg: [f64; 16],
     kernel: Kernel<R>,
     nodes: Nodes<R>,
@@ -110,6 +115,7 @@ impl<R: CpuReal> CpuSolver<R> {
             },
             tables,
             pieces: Pieces::default(),
+            facing: Vec::new(),
             bricks,
         };
         let omega = core.highest_frequency();
@@ -274,6 +280,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             }
         }
         core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
+        core.facing = Facing::all(topology);
         core.contact.renew(surfaces[core.bricks.model.contact_surface()].clone());
         self.surfaces = surfaces.to_vec();
         Ok(())
@@ -283,6 +290,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         let core = &mut self.core;
         core.bricks.heal();
         core.pieces = Pieces::default();
+        core.facing.clear();
         core.flags[core.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
         self.surfaces = core.bricks.model.surfaces().to_vec();
         core.contact.renew(self.surfaces[core.bricks.model.contact_surface()].clone());
@@ -428,17 +436,17 @@ impl<R: CpuReal> Core<R> {
         }
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let (marks, bricks) = (&self.marks, &self.bricks);
+        let mut mobile = Mobile {
+            u: &mut *u_next,
+            v: v_next.as_mut().unwrap_or(&mut *v),
+            flags: &self.flags,
+            bricks,
+            corner_kg: &self.corner_kg,
+        };
         for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
-            let mut nodes = HeldNodes {
-                u: &mut *u_next,
-                v: v_next.as_mut().unwrap_or(&mut *v),
-                flags: &self.flags,
-                bricks,
-                corner_kg: &self.corner_kg,
-                dt: plan.dt,
-            };
-            furthest += hold(tool, span[1], duration, &mut nodes, sum);
+            furthest += hold(tool, span[1], [plan.dt, duration], &mut mobile, sum);
         }
+        furthest += keep_apart(&self.facing, &mut mobile);
         let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();
         let mut nodes = ContactNodes {
             u_before: u,

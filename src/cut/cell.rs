@@ -5,6 +5,7 @@
 //! sheet; they lie in a plane where the cut does, and neighbours that share a face see the same lines on it.
 
 use crate::math::Vec3;
+use crate::model::binding::shares;
 
 /// An edge of a cell: the corner that it starts from, of which corner c is at offset `(c & 1, c >> 1 & 1, c >> 2 & 1)`, and its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,12 +90,7 @@ pub struct Piece {
 impl Piece {
     /// Trilinear weights of the cell's corners at the centroid.
     pub fn shares(&self) -> [f64; 8] {
-        std::array::from_fn(|corner| {
-            let along = |axis: usize| {
-                if corner >> axis & 1 == 1 { self.centroid[axis] } else { 1.0 - self.centroid[axis] }
-            };
-            along(0) * along(1) * along(2)
-        })
+        shares(&self.centroid)
     }
 }
 

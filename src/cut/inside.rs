@@ -3,6 +3,7 @@
 use super::extents::Extents;
 use super::sweep::Moving;
 use crate::math::{Mat3, Vec3};
+use crate::model::binding::shares;
 use crate::model::lattice::Lattice;
 
 /// Most steps towards the place of a point in a cell.
@@ -43,18 +44,12 @@ pub fn locate(
         let (low, high) = at.iter().fold((at[0], at[0]), |(low, high), p| (low.inf(p), high.sup(p)));
         for (point, found) in points.iter().zip(&mut found).filter(|(_, found)| found.is_none()) {
             if (0..3).all(|c| low[c] <= point[c] && point[c] <= high[c]) {
-                let weights = place(&at, point).map(|place| weights(&place));
+                let weights = place(&at, point).map(|place| shares(&place));
                 *found = weights.map(|weights| Inside { corners, material, weights });
             }
         }
     }
     found
-}
-
-fn weights(place: &Vec3) -> [f64; 8] {
-    let along =
-        |corner: usize, axis: usize| if corner >> axis & 1 == 1 { place[axis] } else { 1.0 - place[axis] };
-    std::array::from_fn(|corner| along(corner, 0) * along(corner, 1) * along(corner, 2))
 }
 
 /// Where in a cell with these corners a point is, from 0 to 1 along each axis; `None` where it is outside. By Newton's method.
@@ -112,7 +107,7 @@ mod tests {
         for _ in 0..300 {
             let mut share = || 0.5 + 0.499 * noise.next();
             let cell = lattice.cells().map(|n| (share() * n as f64) as usize);
-            let weights = weights(&Vec3::new(share(), share(), share()));
+            let weights = shares(&Vec3::new(share(), share(), share()));
             let corners = lattice.corners(cell);
             points.push(
                 corners.iter().zip(weights).map(|(&slot, weight)| nodes.to(slot) * weight).sum::<Vec3>(),

@@ -5,6 +5,7 @@
 
 pub mod cell;
 pub mod extents;
+pub mod facing;
 pub mod inside;
 pub mod margin;
 pub mod surface;

@@ -142,12 +142,17 @@ fn trilinear_row<S: CellSpace>(space: &S, cell: [usize; 3], point: &Vec3) -> Res
     Ok(trilinear(nodes, &(point - Vec3::from(cell.map(|x| x as f64)))))
 }
 
+/// Trilinear weights of a cell's corners at a point in it, from 0 to 1 along each axis.
+pub(crate) fn shares(local: &Vec3) -> [f64; ROW] {
+    std::array::from_fn(|corner| {
+        let along = |a: usize| if corner >> a & 1 == 1 { local[a] } else { 1.0 - local[a] };
+        along(0) * along(1) * along(2)
+    })
+}
+
 /// The row on a cell's eight nodes of a point in it, from 0 to 1 along each axis: weights are rounded so that their sum stays one.
 pub(crate) fn trilinear(nodes: [u32; ROW], local: &Vec3) -> Row {
-    let mut weights = [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {
-        let along = |a: usize| if corner >> a & 1 == 1 { local[a] } else { 1.0 - local[a] };
-        (along(0) * along(1) * along(2)) as f32
-    });
+    let mut weights = shares(local).map(|share| share as f32);
     // What rounding lost goes to the largest weight, where it changes the relative error least.
     let sum: f64 = weights.iter().map(|&w| f64::from(w)).sum();
     let largest = (1..ROW).fold(0, |best, n| if weights[n] > weights[best] { n } else { best });

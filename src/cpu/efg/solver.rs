@@ -7,7 +7,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::super::contact::{ContactNodes, ContactSurface};
-use super::super::hold::{HeldNodes, hold};
+use super::super::facing::keep_apart;
+use super::super::hold::hold;
+use super::super::mobile::Mobile;
 use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
 use super::super::workers::{Member, Workers};
@@ -16,6 +18,7 @@ use super::conjugate::{Budget, Reached};
 use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
 use super::system::{Parts, Step, System};
+use crate::cut::facing::Facing;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -57,6 +60,8 @@ pub struct EfgSolver<R: EfgReal> {
     u: Field<R>,
     v: Field<R>,
     surfaces: Vec<Arc<Surface>>,
+    /// The sides of cuts.
+    facing: Vec<Facing>,
     contact: ContactSurface,
     press: Press,
     fastest: f64,
@@ -94,6 +99,7 @@ impl<R: EfgReal> EfgSolver<R> {
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
             surfaces: model.surfaces().to_vec(),
+            facing: Vec::new(),
             press: Press::of(&contact),
             contact,
             fastest: 0.0,
@@ -236,15 +242,17 @@ impl<R: EfgReal> EfgSolver<R> {
         for_each_held(&self.bricks.model, plan, t, |_, slot, place| u.set(slot, place));
     }
 
-    /// Tissue sticks to the edges of blades, once it has moved.
+    /// Tissue sticks to the edges of blades, and sides of cuts stay apart, once all has moved.
     fn hold(&mut self, plan: &StepPlan, t: f64, sums: &mut [ToolSum]) {
         let corner_kg = std::array::from_fn(|material| self.laws[material].corner_kg);
         let step = plan.dt * f64::from(plan.substeps);
         let Self { u, v, flags, bricks, .. } = self;
-        let mut nodes = HeldNodes { u, v, flags, bricks, corner_kg: &corner_kg, dt: plan.dt };
+        let mut mobile = Mobile { u, v, flags, bricks, corner_kg: &corner_kg };
+        let mut way = keep_apart(&self.facing, &mut mobile);
         for (tool, sum) in plan.tools.iter().zip(sums) {
-            self.fastest += hold(tool, t, step, &mut nodes, sum) / plan.dt;
+            way += hold(tool, t, [plan.dt, step], &mut mobile, sum);
         }
+        self.fastest += way / plan.dt;
     }
 
     fn load(&mut self, loads: &NodalLoads, dt: f64) {
@@ -454,6 +462,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         }
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
+        self.facing = Facing::all(topology);
         self.show(surfaces);
         Ok(())
     }
@@ -466,6 +475,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.system = System::new(&self.bricks, rows, self.desc.elasticity, &self.laws);
         self.uploaded += self.system.upload(&self.bricks);
         self.is_stale = true;
+        self.facing.clear();
         let model = self.bricks.model.clone();
         self.show(model.surfaces());
         Ok(())

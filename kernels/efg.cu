@@ -225,7 +225,7 @@ __device__ void tell(const Worker<R>& w, const Press<R>& press, const Contact& c
     report.residual = float(reached.residual <= noise ? fmin(left, w.step.tolerance) : left);
     report.device_ns = clock_ns() - *w.e.started;
     __threadfence_system();
-    *(volatile uint32_t*)&report.sequence = w.step.step.sequence;
+    if (!w.e.is_followed) *(volatile uint32_t*)&report.sequence = w.step.step.sequence;
 }
 
 template <class R, int FEWEST_TEAMS>

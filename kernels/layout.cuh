@@ -457,6 +457,42 @@ struct RowPlace {
     uint32_t row, entry;
 };
 
+// Two pieces face to face across a wall: the nodes of either, their weights at its middle, 1 / mass of each, and the wall's normal at rest, from the second to the first.
+struct Facing {
+    uint32_t nodes[2][8];
+    double weights[8];
+    double inverse_kg[2][8];
+    double normal[3];
+};
+
+// The sides of cuts, cell by cell; null where there are none.
+struct Sides {
+    const Facing* all;
+    // Where the pairs of each cell begin, and one more; and where among cells each class of those begins that share no node, and one more.
+    const uint32_t* cells;
+    const uint32_t* classes;
+};
+
+// A point of a blade's edge in tissue: nodes of its cell, their weights there, and 1 / mass of each; where it is, and the direction of the edge, in the tool's frame; and the force
+// at which the tissue gives way, in N.
+struct Stuck {
+    uint32_t nodes[8];
+    double weights[8], inverse_kg[8];
+    double limit;
+    float at[3], along[3];
+    uint32_t tool;
+};
+
+// All of them, tool by tool; null where there are none.
+struct Sticks {
+    const Stuck* all;
+    const uint32_t* count;
+    ToolSum* sums;
+    uint32_t substeps;
+    // Whether nothing has begun the tools' sums before.
+    uint32_t begins;
+};
+
 // A node that a cut has made, and the one that it was.
 struct Birth {
     uint32_t slot, from;
@@ -503,6 +539,8 @@ struct Efg {
     uint32_t starts;
     // How many cells have rows of their own.
     uint32_t row_count;
+    // Whether a kernel follows that ends the step, and tells its number.
+    uint32_t is_followed;
     double cell;
     EfgStep* step;
     const EfgLaw* laws;         // [16]

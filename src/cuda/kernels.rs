@@ -38,6 +38,7 @@ const PIECES: Image = image!("pieces");
 const SLEEP: Image = image!("sleep");
 const NEAR: Image = image!("near");
 const CONTACT: Image = image!("contact");
+const MOBILE: Image = image!("mobile");
 const SURFACE: Image = image!("surface");
 const OUTSIDE: Image = image!("outside");
 const REPORT: Image = image!("report");
@@ -177,14 +178,15 @@ unsafe impl Send for SurfaceKernels {}
 pub struct EfgKernels {
     /// What knows no model.
     pub surfaces: SurfaceKernels,
-    /// One implicit step.
+    /// One implicit step, and impulses after it, which end it.
     pub step: Kernel,
+    pub mobile: Kernel,
     /// What a cut changes of the nodes.
     pub cut: Kernel,
     /// Its blocks and their threads.
     pub blocks: u32,
     pub threads: u32,
-    _modules: [Module; 2],
+    _modules: [Module; 3],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -204,7 +206,8 @@ pub struct Kernels {
     /// Who sleeps, and the list of those who do not.
     pub doze: Kernel,
     pub muster: Kernel,
-    /// Pushes the tissue out of the tools.
+    /// Impulses at the end of a substep, before contact; and that, which pushes the tissue out of the tools.
+    pub mobile: Kernel,
     pub contact: Kernel,
     /// Pushes what is loaded, drives rigid regions, and carries what tools hold.
     pub push: Kernel,
@@ -215,7 +218,7 @@ pub struct Kernels {
     pub halt: Kernel,
     /// What the host is told of a step.
     pub report: Kernel,
-    _modules: [Module; 7],
+    _modules: [Module; 8],
 }
 
 // SAFETY: functions and modules may be used from any thread that has entered the context.
@@ -232,7 +235,7 @@ impl Kernels {
         let module = |image: Image| Module::load(device, &image.of_version(version));
         let (lattice, sleep, contact) = (module(LATTICE)?, module(SLEEP)?, module(CONTACT)?);
         let (outside, report) = (module(OUTSIDE)?, module(REPORT)?);
-        let (pieces, cut) = (module(PIECES)?, module(CUT)?);
+        let (pieces, cut, mobile) = (module(PIECES)?, module(CUT)?, module(MOBILE)?);
         let [substep, substep_awake] = match (volumetric, damped) {
             (false, false) => [c"lattice_plain", c"lattice_plain_awake"],
             (true, false) => [c"lattice_volume", c"lattice_volume_awake"],
@@ -246,6 +249,7 @@ impl Kernels {
             cut: cut.function(c"cut_single")?,
             doze: sleep.function(c"doze")?,
             muster: sleep.function(c"muster")?,
+            mobile: mobile.function(c"mobile")?,
             contact: contact.overlapping_function(c"contact")?.sharing(device, CONTACT_SHARED_BYTES)?,
             push: outside.function(c"push")?,
             drive: outside.function(c"drive")?,
@@ -254,7 +258,7 @@ impl Kernels {
             halt: outside.function(c"halt")?,
             report: report.function(c"report")?,
             surfaces: SurfaceKernels::load(version, device)?,
-            _modules: [lattice, pieces, sleep, contact, outside, report, cut],
+            _modules: [lattice, pieces, sleep, contact, outside, report, cut, mobile],
         })
     }
 }
@@ -282,14 +286,25 @@ pub struct Precision {
     pub number_bytes: usize,
     pub kernel: &'static CStr,
     pub cut: &'static CStr,
+    pub mobile: &'static CStr,
     pub teams: [u32; 2],
 }
 
 /// Single and double.
-pub const SINGLE: Precision =
-    Precision { number_bytes: 4, kernel: c"efg_single", cut: c"cut_single", teams: [4, 6] };
-pub const DOUBLE: Precision =
-    Precision { number_bytes: 8, kernel: c"efg_double", cut: c"cut_double", teams: [2, 4] };
+pub const SINGLE: Precision = Precision {
+    number_bytes: 4,
+    kernel: c"efg_single",
+    cut: c"cut_single",
+    mobile: c"mobile_single",
+    teams: [4, 6],
+};
+pub const DOUBLE: Precision = Precision {
+    number_bytes: 8,
+    kernel: c"efg_double",
+    cut: c"cut_double",
+    mobile: c"mobile_double",
+    teams: [2, 4],
+};
 
 impl Precision {
     /// Bytes that a block of so many teams is given to share.
@@ -315,16 +330,17 @@ impl EfgKernels {
             .ok_or_else(|| {
                 Error::Unsupported(format!("{} has too little memory in its processors", device.name()))
             })?;
-        let [module, cut] = [EFG, CUT].map(|image| Module::load(device, &image.of_version(version)));
-        let (module, cut) = (module?, cut?);
+        let load = |image: Image| Module::load(device, &image.of_version(version));
+        let (module, cut, mobile) = (load(EFG)?, load(CUT)?, load(MOBILE)?);
         Ok(Self {
             cut: cut.function(precision.cut)?,
+            mobile: mobile.function(precision.mobile)?,
             step: module.function_together(precision.kernel, precision.shared_bytes(teams))?,
             // One beside those that work on bricks.
             blocks: processors.min(bricks + 1).max(2),
             threads: teams * BRICK_SLOTS as u32,
             surfaces: SurfaceKernels::load(version, device)?,
-            _modules: [module, cut],
+            _modules: [module, cut, mobile],
         })
     }
 }
@@ -400,7 +416,8 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 10] = [LATTICE, PIECES, SLEEP, NEAR, CONTACT, OUTSIDE, SURFACE, REPORT, EFG, CUT];
+    const IMAGES: [Image; 11] =
+        [LATTICE, PIECES, SLEEP, NEAR, CONTACT, OUTSIDE, MOBILE, SURFACE, REPORT, EFG, CUT];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -166,6 +166,9 @@ pub const MARK_BYTES: usize = 24;
 /// Threads of the block that reports: 96 for each number of a mark.
 pub const REPORT_THREADS: u32 = 96 * (MARK_BYTES as u32 / 4);
 
+/// Threads of the block that has impulses act on nodes that have moved.
+pub const MOBILE_THREADS: u32 = 512;
+
 /// How a step went.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
@@ -603,6 +606,7 @@ pub struct Efg {
     pub bricks: u32,
     pub starts: u32,
     pub row_count: u32,
+    pub is_followed: u32,
     pub cell: f64,
     pub step: CUdeviceptr,
     pub laws: CUdeviceptr,
@@ -644,6 +648,49 @@ pub struct Efg {
     pub row_frames: CUdeviceptr,
     pub row_given: CUdeviceptr,
     pub report: CUdeviceptr,
+}
+
+/// Two pieces face to face across a wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub struct Facing {
+    pub nodes: [[u32; 8]; 2],
+    pub weights: [f64; 8],
+    pub inverse_kg: [[f64; 8]; 2],
+    pub normal: [f64; 3],
+}
+
+/// The sides of cuts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(C)]
+pub struct Sides {
+    pub all: CUdeviceptr,
+    pub cells: CUdeviceptr,
+    pub classes: CUdeviceptr,
+}
+
+/// A point of a blade's edge in tissue.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Stuck {
+    pub nodes: [u32; 8],
+    pub weights: [f64; 8],
+    pub inverse_kg: [f64; 8],
+    pub limit: f64,
+    pub at: [f32; 3],
+    pub along: [f32; 3],
+    pub tool: u32,
+}
+
+/// All of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[repr(C)]
+pub struct Sticks {
+    pub all: CUdeviceptr,
+    pub count: CUdeviceptr,
+    pub sums: CUdeviceptr,
+    pub substeps: u32,
+    pub begins: u32,
 }
 
 /// A node that a cut has made, and the one that it was.

@@ -57,6 +57,10 @@ unsafe impl Plain for super::layout::Piece {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Pieces {}
 // SAFETY: see above.
+unsafe impl Plain for super::layout::Facing {}
+// SAFETY: see above; what pads it does not matter.
+unsafe impl Plain for super::layout::Stuck {}
+// SAFETY: see above.
 unsafe impl Plain for super::layout::Birth {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Reworded {}

@@ -17,6 +17,7 @@ mod memory;
 mod near;
 mod outside;
 mod pieces;
+mod sides;
 mod sleep;
 pub mod solver;
 mod state;

@@ -12,7 +12,7 @@ use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::{Kernel, Kernels};
-use super::layout::{self, Law, Pass, REPORT_THREADS, Report, SOUND, Step, share};
+use super::layout::{self, Law, MOBILE_THREADS, Pass, REPORT_THREADS, Report, SOUND, Step, share};
 use super::memory::{Buffer, Pinned, Stream};
 use super::near::NearTools;
 use super::outside::{self, Outside};
@@ -91,11 +91,12 @@ struct Plans {
     cut: CutPlan,
 }
 
-/// How cuts take part in a step: so many bricks hold nodes, and so many blocks evaluate pieces.
+/// How cuts take part in a step: so many bricks hold nodes, so many blocks evaluate pieces, and sides are kept apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 struct CutPlan {
     bricks: u32,
     piece_blocks: u32,
+    sides: layout::Sides,
 }
 
 /// Nodes as the host sees them, each field once it was asked for.
@@ -235,9 +236,10 @@ impl CudaSolver {
                 }
                 let apart = contact.tools > 0
                     && outside.is_idle()
+                    && cut.sides == layout::Sides::default()
                     && self.kernels.contact.overlaps()
                     && blocks >= APART_BLOCKS;
-                let begins_sums = !outside.holds();
+                let begins_sums = !outside.holds() && !outside.sticks();
                 let resolve = |pass: &mut Pass| {
                     self.contact.resolve(&self.kernels, &self.stream, pass, contact, substeps, begins_sums)
                 };
@@ -259,6 +261,11 @@ impl CudaSolver {
                 } else {
                     advance(first(kernel), blocks, &mut pass, sleepers)?;
                     outside.act(&self.kernels, &self.stream, &mut pass)?;
+                    if cut.sides != layout::Sides::default() || outside.sticks() {
+                        let (mut sides, mut sticks) = (cut.sides, outside.sticks);
+                        let arguments = &mut [pointer(&mut pass), pointer(&mut sides), pointer(&mut sticks)];
+                        self.kernels.mobile.launch(device, stream, 1, MOBILE_THREADS, arguments)?;
+                    }
                     if contact.tools > 0 {
                         resolve(&mut pass)?;
                     }
@@ -415,7 +422,7 @@ impl CudaSolver {
     fn cut_plan(&self) -> CutPlan {
         let blocks = (8 * self.state.pieces.count() as u32).div_ceil(PIECE_THREADS);
         let piece_blocks = if blocks > 0 { blocks.next_power_of_two() } else { 0 };
-        CutPlan { bricks: self.state.bricks, piece_blocks }
+        CutPlan { bricks: self.state.bricks, piece_blocks, sides: self.state.sides.on_device() }
     }
 }
 
@@ -594,6 +601,7 @@ impl Solver for CudaSolver {
         }
         self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
         self.state.pieces.weigh(&self.body)?;
+        self.state.sides.weigh(&self.body)?;
         let omega = stability::highest_omega(stable_dt, most_damping(laws));
         self.sleep.set_thresholds(self.model.lattice().cell_m(), omega);
         self.change(stable_dt)

@@ -9,6 +9,7 @@ use super::kernels::Kernel;
 use super::layout::{Law, MARK_BYTES, Pass, SOUND, Step, share};
 use super::memory::{Buffer, Stream};
 use super::pieces::Pieces;
+use super::sides::Sides;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::model::lattice::BRICK_SLOTS;
@@ -30,6 +31,7 @@ pub struct State {
     pub marks: Buffer<u8>,
     pub diverged_at: Buffer<u32>,
     pub pieces: Pieces,
+    pub sides: Sides,
     cutter: Cutter,
     /// When the last step began, by the device's clock, in ns.
     pub started: Buffer<u64>,
@@ -61,6 +63,7 @@ impl State {
             },
             started: Buffer::zeros(stream, 1)?,
             pieces: Pieces::new(body, true, stream)?,
+            sides: Sides::new(stream)?,
             cutter: Cutter::new(stream)?,
             cell: body.bricks.model.lattice().cell_m() as f32,
         })
@@ -108,6 +111,7 @@ impl State {
         self.pieces.check_room(topology)?;
         body.bricks.divide(topology, change);
         self.pieces.take(topology, body)?;
+        self.sides.take(topology, body)?;
         self.bricks = body.bricks_for(topology.copy_count());
         let fields = Fields {
             u: self.u.each_ref().map(Buffer::at),
@@ -122,6 +126,7 @@ impl State {
     pub fn heal(&mut self, body: &mut Body) -> Result<()> {
         body.heal();
         self.pieces.heal();
+        self.sides.heal();
         self.bricks = body.bricks_for(0);
         self.marks.clear()?;
         self.flags.set(body.flags.clone())

@@ -15,7 +15,7 @@ use crate::cuda::body::Body;
 use crate::cuda::contact::{ContactSurface, Plan};
 use crate::cuda::device::Device;
 use crate::cuda::kernels::EfgKernels;
-use crate::cuda::layout::{EfgStep, Report, SOUND, Step};
+use crate::cuda::layout::{self, EfgStep, MOBILE_THREADS, Report, SOUND, Step};
 use crate::cuda::memory::{Pinned, Stream};
 use crate::cuda::near::NearTools;
 use crate::cuda::outside::{self, Outside};
@@ -147,15 +147,15 @@ impl<R: Number> CudaEfgSolver<R> {
         record.step.sequence = self.sequence;
         // SAFETY: the last step has been reported, so the device reads the record no more.
         unsafe { self.step.host().write(record) };
-        let asked = self.ask(contact, outside);
+        let asked = self.ask(contact, outside, record.only_forces == 0);
         asked.and_then(|()| self.report.wait(&self.stream, self.sequence)).inspect_err(|_| {
             // Nobody knows whether sites were listed.
             self.contact.lose_track();
         })
     }
 
-    /// Asks the stream for the work of a step.
-    fn ask(&self, contact: Plan, outside: outside::Plan) -> Result<()> {
+    /// Asks the stream for the work of a step, in which nodes move or do not.
+    fn ask(&self, contact: Plan, outside: outside::Plan, moves: bool) -> Result<()> {
         let _range = trace::range(c"launch");
         let (device, stream) = (&self.stream.device, self.stream.handle);
         let _entered = device.enter()?;
@@ -174,7 +174,10 @@ impl<R: Number> CudaEfgSolver<R> {
             self.contact.list(&self.kernels.surfaces, &self.stream, &mut pass, contact, 1)?;
             let mut efg = self.state.on_device(&pass, self.report.device_at());
             let mut contact = self.contact.on_device(contact);
-            let outside::Plan { mut push, mut drive, mut hold, .. } = outside;
+            let outside::Plan { mut push, mut drive, mut hold, mut sticks, .. } = outside;
+            let mut sides = if moves { self.state.sides() } else { layout::Sides::default() };
+            let is_followed = sides != layout::Sides::default() || outside.sticks();
+            efg.is_followed = is_followed.into();
             let arguments = &mut [
                 pointer(&mut efg),
                 pointer(&mut contact),
@@ -184,6 +187,10 @@ impl<R: Number> CudaEfgSolver<R> {
             ];
             let EfgKernels { step, blocks, threads, .. } = self.kernels;
             step.launch(device, stream, blocks, threads, arguments)?;
+            if is_followed {
+                let arguments = &mut [pointer(&mut efg), pointer(&mut sides), pointer(&mut sticks)];
+                self.kernels.mobile.launch(device, stream, 1, MOBILE_THREADS, arguments)?;
+            }
         }
         self.stream.traffic.add_to_device(EfgStep::bytes(tools));
         self.stream.traffic.add_to_host(Report::bytes(tools));

@@ -14,6 +14,7 @@ use crate::cuda::layout::{self, EfgLaw, EfgStep, GRID_NUMBERS, Law, MAX_POINTS, 
 use crate::cuda::layout::{PRESS_FIELDS, Pass, numbers, share};
 use crate::cuda::memory::{Buffer, Stream};
 use crate::cuda::pieces::Pieces;
+use crate::cuda::sides::Sides;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -57,6 +58,7 @@ pub struct State<R> {
     is_settled: Buffer<u32>,
     rows: Rows<R>,
     pieces: Pieces,
+    sides: Sides,
     cutter: Cutter,
     started: Buffer<u64>,
 }
@@ -108,6 +110,7 @@ impl<R: Number> State<R> {
             is_settled: Buffer::zeros(stream, 1)?,
             rows,
             pieces: Pieces::new(body, false, stream)?,
+            sides: Sides::new(stream)?,
             cutter: Cutter::new(stream)?,
             started: Buffer::zeros(stream, 1)?,
         };
@@ -135,6 +138,7 @@ impl<R: Number> State<R> {
     /// Other materials.
     pub fn set_laws(&mut self, body: &Body) -> Result<()> {
         self.pieces.weigh(body)?;
+        self.sides.weigh(body)?;
         self.set_masses(body)
     }
 
@@ -167,6 +171,7 @@ impl<R: Number> State<R> {
         body.bricks.divide(topology, change);
         let turned = self.rows.divide(&body.bricks, topology, change)?;
         self.pieces.take(topology, body)?;
+        self.sides.take(topology, body)?;
         self.cells.set(body.bricks.cells.clone())?;
         self.set_masses(body)?;
         self.bricks = body.bricks_for(topology.copy_count());
@@ -184,6 +189,7 @@ impl<R: Number> State<R> {
         body.heal();
         self.rows.heal(&mut body.bricks)?;
         self.pieces.heal();
+        self.sides.heal();
         self.cells.set(body.bricks.cells.clone())?;
         self.flags.set(body.flags.clone())?;
         self.set_masses(body)?;
@@ -245,6 +251,11 @@ impl<R: Number> State<R> {
         pass
     }
 
+    /// The sides of cuts.
+    pub fn sides(&self) -> layout::Sides {
+        self.sides.on_device()
+    }
+
     /// What the kernel of a step works on; `pass` is what the kernels before it had.
     pub fn on_device(&self, pass: &Pass, report: CUdeviceptr) -> layout::Efg {
         let [x, b, r, z, p, w, s, ax] = self.system.each_ref().map(Buffer::at);
@@ -252,6 +263,7 @@ impl<R: Number> State<R> {
             bricks: self.bricks,
             starts: u32::from(pass.started != 0),
             row_count: self.rows.count() as u32,
+            is_followed: 0,
             cell: self.cell_m,
             step: self.step.at(),
             laws: self.laws.at(),

@@ -72,11 +72,15 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
             is_paper, only_forces, substep, step
         }
         Efg {
-            bricks, starts, row_count, cell, step, laws, neighbours, flags, cells, shown, mass,
+            bricks, starts, row_count, is_followed, cell, step, laws, neighbours, flags, cells, shown, mass,
             heavy, inverse, rotations, frames, u, v, x, b, r, z, p, w, s, ax, touched, shares, press,
             meetings, arrived, partials, seen, is_settled, near_tools, started, row_cells,
             row_entries, row_bricks, row_starts, row_places, row_rotations, row_frames, row_given, report
         }
+        Facing { nodes, weights, inverse_kg, normal }
+        Sides { all, cells, classes }
+        Stuck { nodes, weights, inverse_kg, limit, at, along, tool }
+        Sticks { all, count, sums, substeps, begins }
         Birth { slot, from }
         Reworded { slot, word }
         Turned { row, from, is_row }

@@ -3,6 +3,7 @@
 mod drive;
 mod hold;
 mod push;
+mod stick;
 
 use std::sync::Arc;
 
@@ -20,6 +21,7 @@ use crate::solver::StepPlan;
 use drive::Drives;
 use hold::Holds;
 use push::Pushes;
+use stick::Sticks;
 
 /// Threads of a block with a thread for each node, of the one block that takes along what tools hold, and of the one that judges.
 const THREADS: u32 = 128;
@@ -32,6 +34,7 @@ pub struct Plan {
     pub push: layout::Push,
     pub drive: layout::Drive,
     pub hold: layout::Hold,
+    pub sticks: layout::Sticks,
     /// Whether velocities are cleared whenever Σ m v² falls.
     pub settles: bool,
 }
@@ -52,6 +55,7 @@ pub struct Outside {
     pushes: Pushes,
     drives: Drives,
     holds: Holds,
+    sticks: Sticks,
 }
 
 impl Outside {
@@ -61,6 +65,7 @@ impl Outside {
             pushes: Pushes::new(model, stream)?,
             drives: Drives::new(model, stream)?,
             holds: Holds::new(model, stream)?,
+            sticks: Sticks::new(stream)?,
         })
     }
 
@@ -69,7 +74,8 @@ impl Outside {
         let (push, acceleration) = self.pushes.prepare(plan.loads, body)?;
         let (drive, driven) = self.drives.prepare(plan)?;
         let (hold, held) = self.holds.prepare(plan, body, sums)?;
-        let plan = Plan { push, drive, hold, settles: plan.kinetic_damping };
+        let sticks = self.sticks.prepare(plan, body, sums, hold.count > 0)?;
+        let plan = Plan { push, drive, hold, sticks, settles: plan.kinetic_damping };
         Ok(Prepared { plan, acceleration, way: driven.max(held) })
     }
 
@@ -88,12 +94,17 @@ impl Outside {
 impl Plan {
     /// Whether nothing acts but contact.
     pub fn is_idle(self) -> bool {
-        self.push.count == 0 && self.drive.count == 0 && !self.holds() && !self.settles
+        self.push.count == 0 && self.drive.count == 0 && !self.holds() && !self.sticks() && !self.settles
     }
 
     /// Whether tools hold nodes: their sums begin with that.
     pub fn holds(self) -> bool {
         self.hold.count > 0
+    }
+
+    /// Whether tissue sticks to blades: else sums begin with that.
+    pub fn sticks(self) -> bool {
+        self.sticks.all != 0
     }
 
     /// Asks the stream to push, drive and carry nodes after they have moved by themselves.

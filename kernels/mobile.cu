@@ -1,0 +1,222 @@
+// Impulses after nodes have moved: sides of cuts are kept apart, and tissue sticks to the edges of blades. See src/cpu/facing.rs and hold.rs for what they are. One block, in double precision.
+//
+// Pairs follow each other as on the processor. They are in classes of cells that share no node: those of a class are side by side, eight threads for each cell, one for each
+// corner.
+#include "clock.cuh"
+#include "field.cuh"
+#include "grid.cuh"
+#include "outside.cuh"
+#include "points.cuh"
+
+namespace mobile_kernel {
+
+constexpr int THREADS = 512, GROUPS = THREADS / 8, CLASSES = 8;
+// Share of a cell by which a side is put back at most.
+constexpr double PUSH_LIMIT = 0.25;
+
+__device__ __forceinline__ Triple operator+(const Triple& a, const Triple& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+__device__ __forceinline__ Triple operator-(const Triple& a, const Triple& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+__device__ __forceinline__ Triple operator*(const Triple& a, double s) { return {a.x * s, a.y * s, a.z * s}; }
+__device__ __forceinline__ double dot(const Triple& a, const Triple& b) { return a.x * b.x + (a.y * b.y + a.z * b.z); }
+__device__ __forceinline__ Triple cross(const Triple& a, const Triple& b) {
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+__device__ __forceinline__ Triple triple(const double* v) { return {v[0], v[1], v[2]}; }
+__device__ __forceinline__ Triple triple(const Vec& v) { return {v.x, v.y, v.z}; }
+__device__ __forceinline__ Triple each(const Triple& a, const Triple& b) { return {a.x * b.x, a.y * b.y, a.z * b.z}; }
+
+// The eight threads that this one is among.
+__device__ __forceinline__ uint32_t group_mask() { return 0xffu << (threadIdx.x & 24); }
+__device__ __forceinline__ double sum_of_eight(double x) {
+    for (int across = 1; across < 8; across *= 2) x += __shfl_xor_sync(group_mask(), x, across);
+    return x;
+}
+__device__ __forceinline__ Triple sum_of_eight(const Triple& v) { return {sum_of_eight(v.x), sum_of_eight(v.y), sum_of_eight(v.z)}; }
+
+// Nodes of the lattice at the end of a substep.
+struct LatticeNodes {
+    const Pass& pass;
+    __device__ Triple u(uint32_t slot) const {
+        const float4 u = pass.u_next[slot];
+        return {u.x, u.y, u.z};
+    }
+    __device__ Triple v(uint32_t slot) const {
+        const float* const v = pass.v_next + velocity_at(slot);
+        return {v[0], v[BRICK_NODES], v[2 * BRICK_NODES]};
+    }
+    __device__ uint32_t flags(uint32_t slot) const { return pass.flags[slot]; }
+    __device__ void set(uint32_t slot, const Triple& u, const Triple& v) const {
+        float* const at = pass.v_next + velocity_at(slot);
+        at[0] = float(v.x), at[BRICK_NODES] = float(v.y), at[2 * BRICK_NODES] = float(v.z);
+        pass.u_next[slot] = make_float4(float(u.x), float(u.y), float(u.z), pass.u_next[slot].w);
+        pass.acted_on[slot / BRICK_NODES] = 1;
+    }
+};
+
+// Those of the meshless model at the end of a step.
+template <class R>
+struct EfgNodes {
+    const Efg& e;
+    __device__ Triple u(uint32_t slot) const { return read(e.u, slot); }
+    __device__ Triple v(uint32_t slot) const { return read(e.v, slot); }
+    __device__ uint32_t flags(uint32_t slot) const { return e.flags[slot]; }
+    __device__ void set(uint32_t slot, const Triple& u, const Triple& v) const {
+        efg_kernel::set_vector(e.u, slot, efg_kernel::V3<R>{R(u.x), R(u.y), R(u.z)});
+        efg_kernel::set_vector(e.v, slot, efg_kernel::V3<R>{R(v.x), R(v.y), R(v.z)});
+        e.shown[slot] = make_float4(float(u.x), float(u.y), float(u.z), e.shown[slot].w);
+    }
+    __device__ static Triple read(const void* field, uint32_t slot) {
+        const efg_kernel::V3<R> v = efg_kernel::vector_of<R>(field, slot);
+        return {v.x, v.y, v.z};
+    }
+};
+
+// 1 / mass along each axis that is free, else 0.
+template <class Nodes>
+__device__ __forceinline__ Triple mobility(const Nodes& nodes, uint32_t slot, double inverse_kg) {
+    const uint32_t flags = nodes.flags(slot);
+    const auto along = [&](uint32_t axis) { return flags & (axis | GRASPED) ? 0.0 : inverse_kg; };
+    return {along(FIX_X), along(FIX_Y), along(FIX_Z)};
+}
+
+// The wall's normal as both sides have turned it in the mean; `u` is a corner's.
+__device__ __forceinline__ Triple turned(const Triple& normal, const Triple& u, uint32_t corner, double h) {
+    const double scale = 0.25 / h;
+    const auto along = [&](uint32_t bit) { return sum_of_eight(u * (corner & bit ? scale : -scale)); };
+    const Triple x = along(1), y = along(2), z = along(4);
+    const auto deformed = [&](const Triple& v) { return v + x * v.x + y * v.y + z * v.z; };
+    const Triple axis = fabs(normal.x) < 0.7 ? Triple{1, 0, 0} : Triple{0, 1, 0}, across = cross(normal, axis);
+    const Triple found = cross(deformed(across), deformed(cross(normal, across)));
+    const double length = sqrt(dot(found, found));
+    return length > 0.0 ? found * (1.0 / length) : normal;
+}
+
+// Puts back one pair. Gives how far a node goes by that.
+template <class Nodes>
+__device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h) {
+    const uint32_t corner = threadIdx.x % 8;
+    const double weight = facing.weights[corner];
+    const uint32_t slots[2] = {facing.nodes[0][corner], facing.nodes[1][corner]};
+    const Triple u[2] = {nodes.u(slots[0]), nodes.u(slots[1])};
+    const Triple apart = sum_of_eight((u[0] - u[1]) * weight), normal = turned(triple(facing.normal), (u[0] + u[1]) * 0.5, corner, h);
+    const double gap = dot(apart, normal);
+    const Triple aside = apart - normal * gap;
+    if (gap >= 0.0 || sqrt(dot(aside, aside)) > h) return 0.0;
+    const Triple by[2] = {each(mobility(nodes, slots[0], facing.inverse_kg[0][corner]), normal), each(mobility(nodes, slots[1], facing.inverse_kg[1][corner]), normal)};
+    const double give = sum_of_eight((dot(by[0], normal) + dot(by[1], normal)) * (weight * weight));
+    if (!(give > 0.0)) return 0.0;
+    const double closing = fmin(dot(sum_of_eight((nodes.v(slots[0]) - nodes.v(slots[1])) * weight), normal), 0.0);
+    const double push = fmin(-gap, PUSH_LIMIT * h) / give, blow = -closing / give;
+    double most = 0.0;
+    // One after the other: at the front of a cut both may be the same node.
+    for (int side = 0; side < 2; ++side) {
+        const Triple share = by[side] * (side == 0 ? weight : -weight);
+        nodes.set(slots[side], nodes.u(slots[side]) + share * push, nodes.v(slots[side]) + share * blow);
+        most = fmax(most, sqrt(dot(share, share)) * push);
+    }
+    __syncwarp(group_mask());
+    return most;
+}
+
+// All pairs. Gives how far a node of this thread's went at most.
+template <class Nodes>
+__device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h) {
+    double most = 0.0;
+    for (int of = 0; of < CLASSES && sides.all; ++of) {
+#pragma unroll 1
+        for (uint32_t cell = sides.classes[of] + threadIdx.x / 8; cell < sides.classes[of + 1]; cell += GROUPS) {
+#pragma unroll 1
+            for (uint32_t i = sides.cells[cell]; i < sides.cells[cell + 1]; ++i) most = fmax(most, keep_apart(nodes, sides.all[i], h));
+        }
+        __syncthreads();
+    }
+    return most;
+}
+
+// Points of edges, one after the other, by the first eight threads: give(tool, impulse on it, its moment and the work on the tissue). Gives how far a node of this thread's went at
+// most, all together.
+template <class Nodes, class Give>
+__device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, Give give) {
+    if (!sticks.all || threadIdx.x >= 8) return 0.0;
+    const uint32_t corner = threadIdx.x, count = *sticks.count;
+    double most = 0.0;
+#pragma unroll 1
+    for (uint32_t i = 0; i < count; ++i) {
+        const Stuck& stuck = sticks.all[i];
+        const ToolStep& tool = step.tools[stuck.tool];
+        const View view = view_of(tool, to);
+        const Vec arm = rotate(view.turn, vec(stuck.at)), along = rotate(view.turn, vec(stuck.along)), goes = velocity_of(tool, arm, step.duration);
+        const uint32_t slot = stuck.nodes[corner];
+        const double weight = stuck.weights[corner];
+        const Triple by = mobility(nodes, slot, stuck.inverse_kg[corner]), v = nodes.v(slot);
+        Triple slip = triple(goes) - sum_of_eight(v * weight);
+        slip = slip - triple(along) * dot(slip, triple(along));
+        const double size = sqrt(dot(slip, slip));
+        // By the most mobile axis of each node: no impulse overshoots.
+        const double gives = sum_of_eight(fmax(by.x, fmax(by.y, by.z)) * weight * weight);
+        if (size > 0.0 && gives > 0.0) {
+            const Triple impulse = slip * (fmin(size / gives, stuck.limit * dt) / size), change = each(by, impulse) * weight;
+            nodes.set(slot, nodes.u(slot) + change * dt, v + change);
+            most += sqrt(dot(change, change)) * dt;
+            if (corner == 0) give(stuck.tool, impulse * -1.0, cross(triple(arm), impulse) * -1.0, dot(impulse, triple(goes)));
+        }
+        // What one has changed the next one sees.
+        __syncwarp(0xff);
+    }
+    return most;
+}
+
+__device__ void add(ToolSum& sum, const Triple& impulse, const Triple& moment, double work) {
+    sum.impulse[0] += impulse.x, sum.impulse[1] += impulse.y, sum.impulse[2] += impulse.z;
+    sum.moment[0] += moment.x, sum.moment[1] += moment.y, sum.moment[2] += moment.z;
+    sum.work += work;
+}
+
+// At the end of an implicit step, which has told all but its number.
+template <class R>
+__device__ void end_step(const Efg& e, const Sides& sides, const Sticks& sticks) {
+    __shared__ double scratch[33];
+    const EfgStep& step = *e.step;
+    Report& report = *e.report;
+    if (report.diverged_at == ~0u) {
+        const EfgNodes<R> nodes{e};
+        double most[1] = {keep_apart(nodes, sides, e.cell)};
+        __syncthreads();
+        most[0] += stick(nodes, sticks, step.step, step.to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) {
+            add(report.sums[tool], impulse, moment, work);
+        });
+        const double way = block_all<Largest>(most, scratch);
+        // So much faster a node may be, as far as anyone has to know.
+        const float speed = sqrtf(report.speed2) + float(way / step.dt);
+        if (threadIdx.x == 0) report.speed2 = speed * speed;
+    }
+    __threadfence_system();
+    __syncthreads();
+    if (threadIdx.x > 0) return;
+    report.device_ns = clock_ns() - *e.started;
+    __threadfence_system();
+    *(volatile uint32_t*)&report.sequence = step.step.sequence;
+}
+
+}  // namespace mobile_kernel
+using namespace mobile_kernel;
+
+// At the end of a substep of the lattice, before contact. Where nothing did so before, it begins the tools' sums.
+extern "C" __global__ void __launch_bounds__(THREADS) mobile(const __grid_constant__ Pass pass, const __grid_constant__ Sides sides, const __grid_constant__ Sticks sticks) {
+    const Step& step = *pass.step;
+    if (sticks.begins && pass.substep == 1 && threadIdx.x < step.tool_count) sticks.sums[threadIdx.x] = ToolSum{};
+    if (*pass.diverged_at <= pass.substep) return;
+    __syncthreads();
+    const LatticeNodes nodes{pass};
+    const float to = float(pass.substep) / float(sticks.substeps);
+    stick(nodes, sticks, step, to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) { add(sticks.sums[tool], impulse, moment, work); });
+    __syncthreads();
+    keep_apart(nodes, sides, pass.cell);
+}
+
+extern "C" __global__ void __launch_bounds__(THREADS) mobile_single(const __grid_constant__ Efg e, const __grid_constant__ Sides sides, const __grid_constant__ Sticks sticks) {
+    end_step<float>(e, sides, sticks);
+}
+extern "C" __global__ void __launch_bounds__(THREADS) mobile_double(const __grid_constant__ Efg e, const __grid_constant__ Sides sides, const __grid_constant__ Sticks sticks) {
+    end_step<double>(e, sides, sticks);
+}

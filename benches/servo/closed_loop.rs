@@ -171,7 +171,7 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
         }
     }
     let statistics = sim.statistics();
-    let own = port.servo_statistics().copied().unwrap_or_default();
+    let own = port.servo_statistics().unwrap_or_default();
     if figure.peak_force_n == 0.0 {
         return Err(Error::argument("the tool touched nothing"));
     }

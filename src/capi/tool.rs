@@ -170,12 +170,11 @@ pub unsafe extern "C" fn plp_tool_exchange(
     state: *const plp_haptic_state,
     servo: *mut plp_servo,
 ) -> plp_status {
-    rt_boundary(|| {
-        if servo.is_null() {
-            return Err(PLP_ERR_NULL);
-        }
-        // SAFETY: not NULL; the host offers room for it. Whatever goes wrong after this, there is no force.
-        unsafe { servo.write_unaligned(NO_SERVO) };
+    if servo.is_null() {
+        return PLP_ERR_NULL;
+    }
+    let mut is_answered = false;
+    let status = rt_boundary(|| {
         let held = handle::hold(tool);
         if let Err(PLP_ERR_BUSY) = held
             && !state.is_null()
@@ -183,8 +182,9 @@ pub unsafe extern "C" fn plp_tool_exchange(
             // SAFETY: not NULL; the host passes a state.
             let stamp_s = unsafe { state.read_unaligned() }.stamp_s;
             if let Some(felt) = handle::aside(tool)?.get().and_then(|words| still_felt(words, stamp_s)) {
-                // SAFETY: as above.
+                // SAFETY: not NULL; the host offers room for it.
                 unsafe { servo.write_unaligned(felt) };
+                is_answered = true;
             }
         }
         let mut body = held?;
@@ -203,11 +203,17 @@ pub unsafe extern "C" fn plp_tool_exchange(
         let (age_s, latency_s) =
             body.port.servo_statistics().map_or((-1.0, 0.0), |s| (age_out(s.age_s), s.latency_s));
         let felt = servo_out(&exchange, age_s, latency_s);
-        body.aside().put(&to_words(&felt, state.stamp_s));
         // SAFETY: as above.
         unsafe { servo.write_unaligned(felt) };
+        is_answered = true;
+        body.aside().put(&to_words(&felt, state.stamp_s));
         Ok(if exchange.is_live { PLP_OK } else { PLP_STOPPED })
-    })
+    });
+    if !is_answered {
+        // SAFETY: as above. Whatever went wrong, there is no force.
+        unsafe { servo.write_unaligned(NO_SERVO) };
+    }
+    status
 }
 
 /// What is written where nothing can be said.
@@ -234,6 +240,7 @@ const SERVO_WORDS: usize = size_of::<plp_servo>() / size_of::<u64>();
 const _: () = assert!(SERVO_WORDS + 1 == WORDS);
 
 /// An answer and its time stamp, as they are left aside.
+#[inline]
 fn to_words(felt: &plp_servo, stamp_s: f64) -> [u64; WORDS] {
     // SAFETY: repr(C), doubles, a u64 and a pair of u32: as many words, none of them padding.
     let felt: [u64; SERVO_WORDS] = unsafe { std::mem::transmute(*felt) };
@@ -260,6 +267,7 @@ fn age_out(age_s: f64) -> f64 {
     if age_s.is_finite() { age_s } else { -1.0 }
 }
 
+#[inline]
 fn servo_out(exchange: &Exchange, age_s: f64, latency_s: f64) -> plp_servo {
     let Exchange { output, time_s, sequence, .. } = exchange;
     plp_servo {

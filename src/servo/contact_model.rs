@@ -106,6 +106,7 @@ impl ContactModel {
     }
 
     /// What is left of the line once tissue can only push, and whether the tool has left it.
+    #[inline]
     fn one_sided(&self, line: &Wrench) -> (Wrench, bool) {
         if self.push == Vec3::zeros() {
             return (*line, false);
@@ -115,10 +116,10 @@ impl ContactModel {
         if pressed <= 0.0 || pressing <= 0.0 {
             return (Wrench::default(), pressing <= 0.0);
         }
-        let hold = (pressing / (LAST_HOLD * pressed)).min(1.0);
-        if hold == 1.0 {
+        if pressing >= LAST_HOLD * pressed {
             return (*line, false);
         }
+        let hold = pressing / (LAST_HOLD * pressed);
         let normal = self.push * pressing;
         let force_n = normal + (line.force_n - normal) * hold;
         (Wrench { force_n, torque_n_m: line.torque_n_m * hold }, false)
@@ -153,25 +154,53 @@ impl ContactModel {
     }
 
     /// The law around a motion, for a tool that turns with its device.
+    #[inline(always)]
     pub fn straight(&self, motion: &ToolMotion) -> StraightLaw {
         let block = |of: &Mat6| -> Mat3 { of.fixed_view::<3, 3>(0, 0).into() };
-        let (stiffness, damping) = (block(&self.stiffness), block(&self.damping));
-        // The upper half of the line: torque is nobody's business here.
-        let away = displacement(&self.motion.pose, &motion.pose);
-        let faster = velocity(motion) - velocity(&self.motion);
-        let turned = self.stiffness.fixed_view::<3, 3>(0, 3) * angular(&away)
-            + self.damping.fixed_view::<3, 3>(0, 3) * angular(&faster);
-        let line = self.wrench.force_n - stiffness * linear(&away) - damping * linear(&faster) - turned;
-        let (wrench, has_left) = self.one_sided(&Wrench { force_n: line, ..Wrench::default() });
-        let there = |block: Mat3| if has_left { Mat3::zeros() } else { block };
+        let (force_n, has_left) = self.pushed(self.standing(&motion.pose) - self.slowed(motion));
+        let there = |of: &Mat6| if has_left { Mat3::zeros() } else { block(of) };
         StraightLaw {
-            force_n: wrench.force_n,
+            force_n,
             linear_m_s: motion.linear_m_s,
-            stiffness: there(stiffness),
-            damping: there(damping),
+            stiffness: there(&self.stiffness),
+            damping: there(&self.damping),
             push: self.push,
         }
     }
+
+    /// The forces of [`evaluate`](Self::evaluate) at a motion, and at rest where it leads through.
+    #[inline]
+    pub fn forces(&self, motion: &ToolMotion) -> [Vec3; 2] {
+        let standing = self.standing(&motion.pose);
+        let rest = ToolMotion::at(motion.pose);
+        [motion, &rest].map(|motion| self.pushed(standing - self.slowed(motion)).0)
+    }
+
+    /// The force of the line at a pose and the model's own velocity.
+    #[inline]
+    fn standing(&self, pose: &Pose) -> Vec3 {
+        let away = displacement(&self.motion.pose, pose);
+        self.wrench.force_n - upper(&self.stiffness, &away)
+    }
+
+    /// What dampers take of it at another velocity.
+    #[inline]
+    fn slowed(&self, motion: &ToolMotion) -> Vec3 {
+        upper(&self.damping, &(velocity(motion) - velocity(&self.motion)))
+    }
+
+    /// As [`Self::one_sided`], where torque is nobody's business.
+    #[inline]
+    fn pushed(&self, force_n: Vec3) -> (Vec3, bool) {
+        let (wrench, has_left) = self.one_sided(&Wrench { force_n, ..Wrench::default() });
+        (wrench.force_n, has_left)
+    }
+}
+
+/// The force of a wrench: the upper half of a product.
+#[inline]
+fn upper(matrix: &Mat6, motion: &Vec6) -> Vec3 {
+    matrix.fixed_view::<3, 3>(0, 0) * linear(motion) + matrix.fixed_view::<3, 3>(0, 3) * angular(motion)
 }
 
 /// A law around one motion for a tool that turns with its device, so that translation is all that it may still choose: a ninth of the numbers. World
@@ -191,13 +220,8 @@ pub struct StraightLaw {
 }
 
 impl StraightLaw {
-    /// Nothing is touched.
-    pub fn none() -> Self {
-        let (zero, none) = (Vec3::zeros(), Mat3::zeros());
-        Self { force_n: zero, linear_m_s: zero, stiffness: none, damping: none, push: zero }
-    }
-
     /// The law between this one (`share` 0) and another around the same motion (1).
+    #[inline]
     pub fn between(&self, other: &Self, share: f64) -> Self {
         let mix = |a: f64, b: f64| a + (b - a) * share;
         Self {
@@ -210,6 +234,7 @@ impl StraightLaw {
     }
 
     /// Whether a tool that goes on at a velocity for `dt` seconds has left the tissue: what [`ContactModel::has_left`] says there.
+    #[inline]
     pub fn has_left(&self, linear_m_s: Vec3, dt: f64) -> bool {
         let faster = linear_m_s - self.linear_m_s;
         let line = self.force_n - self.stiffness * (linear_m_s * dt) - self.damping * faster;
@@ -254,6 +279,23 @@ mod tests {
 
     fn lifted(by_m: f64) -> ToolMotion {
         ToolMotion::at(Pose::translation(0.1, 0.2, 0.3 + by_m))
+    }
+
+    #[test]
+    fn forces_alone_are_those_of_the_whole_wrench_moving_and_at_rest() {
+        let mut noise = crate::noise::Noise(11);
+        for _ in 0..200 {
+            let root = Mat6::from_fn(|_, _| 10.0 * noise.next());
+            let (stiffness, damping) = (root * root.transpose(), root * root.transpose() * 1e-2);
+            let law = ContactModel { stiffness, damping, ..pressed() };
+            let mut three = |size: f64| Vec3::from_fn(|_, _| size * noise.next());
+            let pose = Pose::new(Vec3::new(0.1, 0.2, 0.3) + three(2e-3), three(5e-3));
+            let motion = ToolMotion { pose, linear_m_s: three(0.1), angular_rad_s: three(0.5) };
+            let expected = [motion, ToolMotion::at(pose)].map(|motion| law.evaluate(&motion).force_n);
+            for (found, expected) in law.forces(&motion).iter().zip(expected) {
+                assert!((found - expected).norm() < 1e-12, "{found} {expected}");
+            }
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ use super::impedance::{
 };
 use super::safety::at_most;
 use crate::error::{Error, Result};
-use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6};
+use crate::math::{Mat3, Mat6, Pose, Quat, Vec3, Vec6, all_finite};
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// How the tool follows the device.
@@ -167,6 +167,7 @@ impl Proxy {
     }
 
     /// Where it is, turned as the device: what a law for [`Self::advance_straight`] is made around.
+    #[inline]
     pub fn turned(&self, device: &ToolMotion) -> ToolMotion {
         ToolMotion {
             pose: Pose::from_parts(self.motion.pose.translation, device.pose.rotation),
@@ -177,44 +178,50 @@ impl Proxy {
 
     /// As [`Self::advance`] for a proxy that turns with its device: three numbers to balance instead of six. `law` is around
     /// [`Self::turned`]. Gives the forces alone: what the device feels, and what of it lasts.
+    #[inline]
     pub fn advance_straight(&mut self, law: &StraightLaw, device: &ToolMotion, dt: f64) -> [Vec3; 2] {
+        let goal = device.pose.translation.vector;
+        let (mut at, mut v) = (self.motion.pose.translation.vector, self.motion.linear_m_s);
         if dt > 0.0 {
-            let way = device.pose.translation.vector - self.motion.pose.translation.vector;
-            let (way, _) = at_most(way, self.stretch.linear);
-            let mut moving = self.balance(law, way, device, dt);
-            if moving.is_some_and(|v| law.has_left(v, dt)) {
-                // As below.
-                moving = self.balance(&StraightLaw::none(), way, device, dt);
+            let (way, _) = at_most(goal - at, self.stretch.linear);
+            let balanced = self.balance(law, way, device, dt);
+            // As below.
+            let wanted = if law.has_left(balanced, dt) { self.fall(way, device, dt) } else { balanced };
+            v = self.kept_slow(wanted, goal - at, &law.push);
+            at += v * dt;
+            // Should rounding or a wild law have thrown it, the tool is where the device is.
+            if !is_within_reach(at, v, goal) {
+                (at, v) = (goal, device.linear_m_s);
             }
-            let moved = moving.map(|v| {
-                let v = self.kept_slow(v, &law.push, device);
-                let at = self.motion.pose.translation.vector + v * dt;
-                ToolMotion {
-                    pose: Pose::from_parts(at.into(), device.pose.rotation),
-                    linear_m_s: v,
-                    angular_rad_s: device.angular_rad_s,
-                }
-            });
-            self.motion = moved.filter(|moved| is_within_reach(moved, device)).unwrap_or(*device);
+            self.motion = ToolMotion {
+                pose: Pose::from_parts(at.into(), device.pose.rotation),
+                linear_m_s: v,
+                angular_rad_s: device.angular_rad_s,
+            };
         }
-        let offset = self.motion.pose.translation.vector - device.pose.translation.vector;
-        let faster = self.motion.linear_m_s - device.linear_m_s;
-        let pull = offset * self.spring.stiffness_n_per_m;
-        [pull + faster * self.spring.damping_n_s_per_m, pull]
+        let pull = (at - goal) * self.spring.stiffness_n_per_m;
+        [pull + (v - device.linear_m_s) * self.spring.damping_n_s_per_m, pull]
     }
 
-    /// A velocity near tissue that pushes along `push`: no faster than the device may be, unless the device itself draws the proxy out.
-    fn kept_slow(&self, v: Vec3, push: &Vec3, device: &ToolMotion) -> Vec3 {
-        let away = device.pose.translation.vector - self.motion.pose.translation.vector;
+    /// A velocity near tissue that pushes along `push`, `away` from the device: no faster than the device may be, unless the device itself draws the proxy out.
+    #[inline]
+    fn kept_slow(&self, v: Vec3, away: Vec3, push: &Vec3) -> Vec3 {
         if *push == Vec3::zeros() || away.dot(push) > 0.0 { v } else { at_most(v, self.fastest_m_s).0 }
     }
 
-    /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d.
-    fn balance(&self, law: &StraightLaw, way: Vec3, device: &ToolMotion, dt: f64) -> Option<Vec3> {
+    /// The velocity of (b + B + dt (k + K)) v = F + B v₀ + k way + b v_d; NaN where there is none.
+    #[inline]
+    fn balance(&self, law: &StraightLaw, way: Vec3, device: &ToolMotion, dt: f64) -> Vec3 {
         let VirtualCoupling { stiffness_n_per_m: k, damping_n_s_per_m: b, .. } = self.spring;
         let resistance = law.damping + law.stiffness * dt + Mat3::from_diagonal_element(b + k * dt);
         let load = law.force_n + law.damping * law.linear_m_s + way * k + device.linear_m_s * b;
         solve(&resistance, load)
+    }
+
+    /// The same against nothing.
+    fn fall(&self, way: Vec3, device: &ToolMotion, dt: f64) -> Vec3 {
+        let VirtualCoupling { stiffness_n_per_m: k, damping_n_s_per_m: b, .. } = self.spring;
+        (way * k + device.linear_m_s * b) / (b + k * dt)
     }
 
     /// Moves the proxy to where spring, damper and tissue balance after `dt` seconds, and gives the wrench that the device feels, and what of it lasts: the
@@ -249,10 +256,14 @@ impl Proxy {
             + self.damping * velocity(device);
         let moving = Cholesky::new(resistance).map(|factor| factor.solve(&load));
         let moved = moving.map(|v| {
-            let slow = self.kept_slow(linear(&v), push, device);
+            let away = device.pose.translation.vector - self.motion.pose.translation.vector;
+            let slow = self.kept_slow(linear(&v), away, push);
             self.moved(slow, angular(&v), dt)
         });
-        let moved = moved.filter(|moved| is_within_reach(moved, device));
+        let moved = moved.filter(|moved| {
+            let goal = device.pose.translation.vector;
+            moved.is_valid() && is_within_reach(moved.pose.translation.vector, moved.linear_m_s, goal)
+        });
         // The spring makes the matrix positive definite; should rounding or a wild law say otherwise, the tool is where the device is.
         self.motion = moved.unwrap_or(*device);
     }
@@ -273,8 +284,9 @@ impl Proxy {
     }
 }
 
-/// x of A x = b, where A is symmetric and positive definite; by A = L D Lᵀ, written out, because it is most of what a tick computes.
-fn solve(a: &Mat3, b: Vec3) -> Option<Vec3> {
+/// x of A x = b, where A is symmetric and positive definite, NaN where it is not; by A = L D Lᵀ, written out, because it is most of what a tick computes.
+#[inline]
+fn solve(a: &Mat3, b: Vec3) -> Vec3 {
     let d0 = a[(0, 0)];
     let r0 = 1.0 / d0;
     let (l10, l20) = (a[(1, 0)] * r0, a[(2, 0)] * r0);
@@ -283,21 +295,20 @@ fn solve(a: &Mat3, b: Vec3) -> Option<Vec3> {
     let below = a[(2, 1)] - l20 * a[(1, 0)];
     let l21 = below * r1;
     let d2 = a[(2, 2)] - l20 * a[(2, 0)] - l21 * below;
-    // Written so that a NaN has no solution.
-    let is_definite = d0 > 0.0 && d1 > 0.0 && d2 > 0.0;
-    if !is_definite {
-        return None;
-    }
     let y1 = b.y - l10 * b.x;
     let z = (b.z - l20 * b.x - l21 * y1) / d2;
     let y = y1 * r1 - l21 * z;
-    Some(Vec3::new(b.x * r0 - l10 * y - l20 * z, y, z))
+    // Written so that a NaN has no solution.
+    let is_definite = (d0 > 0.0) & (d1 > 0.0) & (d2 > 0.0);
+    if is_definite { Vec3::new(b.x * r0 - l10 * y - l20 * z, y, z) } else { Vec3::repeat(f64::NAN) }
 }
 
-/// Whether a proxy is one that a device could hold.
-fn is_within_reach(proxy: &ToolMotion, device: &ToolMotion) -> bool {
-    let way = proxy.pose.translation.vector - device.pose.translation.vector;
-    proxy.is_valid() && way.norm() <= REACH_M
+/// Whether a proxy that moves so is one that a device could hold.
+#[inline]
+fn is_within_reach(at: Vec3, v: Vec3, device: Vec3) -> bool {
+    // Written so that a NaN is out of reach.
+    let is_near = (at - device).norm_squared() <= REACH_M * REACH_M;
+    is_near & all_finite(v.as_slice())
 }
 
 #[cfg(test)]
@@ -316,15 +327,16 @@ mod tests {
             for least in [1.0, 2e-7] {
                 let a = root * root.transpose() + Mat3::from_diagonal_element(least);
                 let b = Vec3::from_fn(|_, _| noise.next());
-                let found = solve(&a, b).unwrap();
+                let found = solve(&a, b);
                 let expected = Cholesky::new(a).unwrap().solve(&b);
                 assert!((a * found - b).norm() < 1e-12 * a.norm() * (1.0 + found.norm()), "{a} {b}");
                 assert!((found - expected).norm() < 1e-7 * expected.norm(), "{found} {expected}");
             }
         }
         let b = Vec3::x();
-        assert_eq!(solve(&Mat3::from_diagonal(&Vec3::new(1.0, -1.0, 1.0)), b), None);
-        assert_eq!(solve(&Mat3::from_diagonal_element(f64::NAN), b), None);
+        for wild in [Mat3::from_diagonal(&Vec3::new(1.0, -1.0, 1.0)), Mat3::from_diagonal_element(f64::NAN)] {
+            assert!(solve(&wild, b).iter().all(|x| x.is_nan()));
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The servo's view of the newest contact model: a law that changes without a jump when a model arrives.
 
 use super::contact_model::{ContactModel, StraightLaw};
+use crate::math::Vec3;
 use crate::solver::tool::{ToolMotion, Wrench};
 
 /// Longest fade, for a simulation that hardly gets on, in s: the hand should not feel old tissue.
@@ -59,10 +60,22 @@ impl Follower {
     }
 
     /// The same for a tool that turns with its device.
+    #[inline]
     pub fn straight(&self, motion: &ToolMotion, now_s: f64) -> StraightLaw {
         let (share, to) = (self.share(now_s), self.to.straight(motion));
         // What has faded is not looked at any more.
         if share < 1.0 { self.from.straight(motion).between(&to, share) } else { to }
+    }
+
+    /// The forces of [`evaluate`](Self::evaluate) at a motion, and at rest where it leads through.
+    #[inline]
+    pub fn forces(&self, motion: &ToolMotion, now_s: f64) -> [Vec3; 2] {
+        let (share, to) = (self.share(now_s), self.to.forces(motion));
+        if share >= 1.0 {
+            return to;
+        }
+        let from = self.from.forces(motion);
+        [0, 1].map(|i| from[i].zip_map(&to[i], |a, b| a + (b - a) * share))
     }
 
     /// The wrench at a motion.
@@ -102,7 +115,7 @@ impl Follower {
 mod tests {
     use super::super::impedance::isotropic;
     use super::*;
-    use crate::math::{Pose, Vec3};
+    use crate::math::Pose;
 
     const TICK_S: f64 = 1e-3;
 

@@ -33,6 +33,7 @@ const ABSURD: f64 = 1e100;
 const MOST_SWEEPS: usize = 60;
 
 /// The way from one pose to another.
+#[inline(always)]
 pub fn displacement(from: &Pose, to: &Pose) -> Vec6 {
     let linear = to.translation.vector - from.translation.vector;
     stack(linear, turn(&(to.rotation * from.rotation.inverse())))
@@ -44,12 +45,14 @@ const SHORT: f64 = 1e-4;
 
 /// The rotation vector. Short ones, which are all that a servo loop meets, come from the series of the arc tangent, as trigonometry would take
 /// most of a tick.
+#[inline]
 fn turn(rotation: &Quat) -> Vec3 {
     let (w, v) = (rotation.w, rotation.imag());
-    let square = v.norm_squared() / (w * w);
+    let over_w = 1.0 / w;
+    let square = v.norm_squared() * (over_w * over_w);
     // Written so that a NaN takes the long way.
     if square < SHORT {
-        v * (2.0 / w * (1.0 - square * (1.0 / 3.0 - square * (1.0 / 5.0 - square / 7.0))))
+        v * (2.0 * over_w * (1.0 - square * (1.0 / 3.0 - square * (1.0 / 5.0 - square * (1.0 / 7.0)))))
     } else {
         rotation.scaled_axis()
     }

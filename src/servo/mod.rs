@@ -12,6 +12,9 @@
 //! tissue is solved or how threads meet. A tick takes no lock, no clock and no memory, calls no system, has no loop without a bound, and
 //! cannot panic.
 //!
+//! Nor does it call much: where a stage hands three numbers to the next through memory, they are often stored as two and one and loaded as one and two, and the
+//! processor waits until they have arrived there. So the stages are inlined, and what is rare is left out of line.
+//!
 //! ```
 //! use palpate::channel::latest::latest;
 //! use palpate::servo::contact_model::ContactModel;
@@ -154,11 +157,12 @@ pub struct Servo {
     proxy: Option<Proxy>,
     observer: Observer,
     chain: SafetyChain,
-    /// The last motion that was one, and whether there was any.
-    motion: ToolMotion,
+    /// Where the device last said that it was, and whether it ever did.
+    pose: Pose,
     is_placed: bool,
     /// That of the newest model: another one, and what was engaged with is no more.
     epoch: u64,
+    /// What is counted; the rest is asked of the stages.
     statistics: ServoStatistics,
 }
 
@@ -182,10 +186,10 @@ impl Servo {
             proxy,
             observer: Observer::default(),
             chain: SafetyChain::new(desc),
-            motion,
+            pose: motion.pose,
             is_placed: false,
             epoch: 0,
-            statistics: ServoStatistics { age_s: f64::INFINITY, ..ServoStatistics::default() },
+            statistics: ServoStatistics::default(),
         })
     }
 
@@ -195,26 +199,28 @@ impl Servo {
         let tick = self.clock.tick(device.stamp_s);
         let is_motion = device.motion.is_valid();
         // A device that says nonsense is where it last was, and stands.
-        self.motion = if is_motion { device.motion } else { ToolMotion::at(self.motion.pose) };
+        let standing = ToolMotion::at(self.pose);
+        let motion = if is_motion { &device.motion } else { &standing };
+        self.pose = motion.pose;
         self.is_placed |= is_motion;
         if tick == Tick::Fresh {
-            self.restart();
+            self.restart(motion);
         }
 
         let is_same = std::mem::replace(&mut self.epoch, newest.epoch) == newest.epoch;
-        let is_model = self.follow(newest, device.stamp_s);
-        self.observer.look(&self.motion);
+        let is_model = self.follow(newest, motion, device.stamp_s);
+        self.observer.look(motion);
         let dt = match tick {
             Tick::Steady(dt) => dt,
             Tick::Fresh | Tick::Unknown => 0.0,
         };
-        let [wrench, lasting] = self.couple(dt);
-        let (wrench, damped) = self.keep_passive(wrench, dt);
+        let [wrench, lasting] = self.couple(motion, dt);
+        let (wrench, damped) = self.keep_passive(wrench, motion, dt);
 
         let (wrench, flags) = self.chain.pass(&Asked {
             wrench,
             lasting,
-            motion: self.motion,
+            motion: *motion,
             tick,
             age_s: self.follower.age_s(self.clock.now_s()),
             period_s: self.follower.newest().period_s,
@@ -223,17 +229,25 @@ impl Servo {
             is_held: device.is_held,
         });
         if flags.intersects(DISENGAGING) {
-            self.release_proxy();
+            self.release_proxy(motion);
         }
-        self.observer.render(&self.motion, &wrench);
-        self.count(tick);
-        let tool = self.proxy.as_ref().map_or(self.motion, |proxy| *proxy.motion());
+        self.observer.render(motion, &wrench);
+        self.statistics.ticks += 1;
+        self.statistics.pauses += u64::from(tick == Tick::Fresh);
+        let tool = self.proxy.as_ref().map_or(*motion, |proxy| *proxy.motion());
         Output { wrench, tool, is_placed: self.is_placed, flags: flags | damped }
     }
 
     /// How the loop has done so far.
-    pub fn statistics(&self) -> &ServoStatistics {
-        &self.statistics
+    #[inline]
+    pub fn statistics(&self) -> ServoStatistics {
+        ServoStatistics {
+            energy_j: self.observer.energy_j(),
+            least_energy_j: self.observer.least_j(),
+            average_force_n: self.chain.average_force_n(),
+            age_s: self.follower.age_s(self.clock.now_s()),
+            ..self.statistics
+        }
     }
 
     /// The device that the loop was made for.
@@ -242,19 +256,19 @@ impl Servo {
     }
 
     /// What was done while the loop paused is not known: the motors were their own, and the hand may have gone anywhere.
-    fn restart(&mut self) {
+    fn restart(&mut self, device: &ToolMotion) {
         self.observer.pause();
-        self.release_proxy();
+        self.release_proxy(device);
     }
 
-    fn release_proxy(&mut self) {
+    fn release_proxy(&mut self, device: &ToolMotion) {
         if let Some(proxy) = &mut self.proxy {
-            proxy.reset(&self.motion);
+            proxy.reset(device);
         }
     }
 
     /// Takes the newest model, and says whether it can be believed.
-    fn follow(&mut self, newest: &ContactModel, stamp_s: f64) -> bool {
+    fn follow(&mut self, newest: &ContactModel, device: &ToolMotion, stamp_s: f64) -> bool {
         // Before the first solve there is nothing to follow, and its age stays infinite.
         if newest.sequence == 0 {
             return true;
@@ -266,7 +280,7 @@ impl Servo {
         if !newest.is_finite() {
             return false;
         }
-        let tool = self.proxy.as_ref().map_or(&self.motion, Proxy::motion);
+        let tool = self.proxy.as_ref().map_or(device, Proxy::motion);
         let is_new = self.follower.accept(newest, tool, self.clock.now_s());
         let latency = stamp_s - newest.stamp_s;
         if is_new && latency.is_finite() {
@@ -277,19 +291,18 @@ impl Servo {
     }
 
     /// The wrench that the device feels, and what of it lasts; and where the tool goes.
-    fn couple(&mut self, dt: f64) -> [Wrench; 2] {
+    #[inline]
+    fn couple(&mut self, device: &ToolMotion, dt: f64) -> [Wrench; 2] {
         let now = self.clock.now_s();
         match &mut self.proxy {
             None if !self.desc.has_torque() => {
-                let moves = |motion: &ToolMotion| self.follower.straight(motion, now).force_n;
-                [moves(&self.motion), moves(&ToolMotion::at(self.motion.pose))]
-                    .map(|force_n| Wrench { force_n, ..Wrench::default() })
+                let forces = self.follower.forces(device, now);
+                forces.map(|force_n| Wrench { force_n, ..Wrench::default() })
             }
-            None => [self.motion, ToolMotion::at(self.motion.pose)]
-                .map(|motion| self.follower.evaluate(&motion, now)),
+            None => [*device, ToolMotion::at(device.pose)].map(|motion| self.follower.evaluate(&motion, now)),
             Some(proxy) if !proxy.turns_freely() => {
-                let law = self.follower.straight(&proxy.turned(&self.motion), now);
-                let forces = proxy.advance_straight(&law, &self.motion, dt);
+                let law = self.follower.straight(&proxy.turned(device), now);
+                let forces = proxy.advance_straight(&law, device, dt);
                 // Only the tissue can tell the torque, where there are motors for it.
                 let torque_n_m = if self.desc.has_torque() {
                     self.follower.evaluate(proxy.motion(), now).torque_n_m
@@ -300,29 +313,19 @@ impl Servo {
             }
             Some(proxy) => {
                 let law = self.follower.law(proxy.motion(), now);
-                proxy.advance(&law, &self.motion, dt)
+                proxy.advance(&law, device, dt)
             }
         }
     }
 
     /// Adds the passivity controller's damping.
-    fn keep_passive(&self, wrench: Wrench, dt: f64) -> (Wrench, Flags) {
+    #[inline]
+    fn keep_passive(&self, wrench: Wrench, motion: &ToolMotion, dt: f64) -> (Wrench, Flags) {
         if !self.options.controls_passivity {
             return (wrench, Flags::NONE);
         }
         let most = self.desc.max_damping.linear;
-        let (damper, is_acting) =
-            passivity::control(self.observer.credit_j(), &wrench, &self.motion, dt, most);
+        let (damper, is_acting) = passivity::control(self.observer.credit_j(), &wrench, motion, dt, most);
         (Wrench { force_n: wrench.force_n + damper.force_n, ..wrench }, Flags::DAMPED.when(is_acting))
-    }
-
-    fn count(&mut self, tick: Tick) {
-        let statistics = &mut self.statistics;
-        statistics.ticks += 1;
-        statistics.pauses += u64::from(tick == Tick::Fresh);
-        statistics.energy_j = self.observer.energy_j();
-        statistics.least_energy_j = self.observer.least_j();
-        statistics.average_force_n = self.chain.average_force_n();
-        statistics.age_s = self.follower.age_s(self.clock.now_s());
     }
 }

@@ -24,13 +24,14 @@ pub struct Observer {
 
 impl Observer {
     /// Takes in where the device is now. Poses that are not finite are passed over.
+    #[inline]
     pub fn look(&mut self, motion: &ToolMotion) {
-        if let Some((from, rendered)) = self.last.take() {
+        if let Some((from, rendered)) = &self.last {
             // Turning costs nothing where there is no torque, and most of the time otherwise.
             let work = if rendered.torque_n_m == Vec3::zeros() {
                 rendered.force_n.dot(&(motion.pose.translation.vector - from.translation.vector))
             } else {
-                stacked(&rendered).dot(&displacement(&from, &motion.pose))
+                stacked(rendered).dot(&displacement(from, &motion.pose))
             };
             if work.is_finite() {
                 // The device pushed the hand along the way: that energy came from the loop.
@@ -38,10 +39,12 @@ impl Observer {
                 self.least_j = self.least_j.min(self.energy_j);
                 self.credit_j = (self.credit_j - work).max(-MOST_DEBT_J);
             }
+            self.last = None;
         }
     }
 
     /// Takes in what the device renders from here on.
+    #[inline]
     pub fn render(&mut self, motion: &ToolMotion, rendered: &Wrench) {
         self.last = Some((motion.pose, *rendered));
         // Without a force nothing is held that could come back: what is left was dissipated.
@@ -76,6 +79,7 @@ impl Observer {
 ///
 /// `wrench` is what the loop would render, `credit_j` what it may give. E is what would be left of that, should the device keep its velocity; where that is below zero, the
 /// damping is α = −E ÷ (dt v²), at most `most_n_s_per_m`, beyond which the damper itself would not be passive at this rate.
+#[inline]
 pub fn control(
     credit_j: f64,
     wrench: &Wrench,

@@ -33,6 +33,7 @@ pub(super) fn open() -> (Buttons, Hearing) {
 impl Buttons {
     /// Tells how the buttons are, where they have changed: every change comes out, also those that are over before the next step. While too many wait,
     /// later changes are told as one. Wait-free.
+    #[inline]
     pub fn tell(&mut self, buttons: u32) {
         if buttons != self.told && self.changes.push(buttons).is_ok() {
             self.told = buttons;

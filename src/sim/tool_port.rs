@@ -149,6 +149,7 @@ impl ToolPort {
 
     /// One tick of a device's servo loop: where the device is goes in, what its motors shall do comes out, and the simulation is told where the
     /// tool is. Every change of `buttons`, a bit each, becomes an event. `None` for a tool without a device. `is_sound` is whether the host, too, believes in the simulation. Wait-free.
+    #[inline]
     pub fn exchange(&mut self, device: &DeviceState, buttons: u32, is_sound: bool) -> Option<Exchange> {
         let is_live = self.is_live() && is_sound;
         let (servo, told) = self.device.as_mut()?;
@@ -170,7 +171,8 @@ impl ToolPort {
     }
 
     /// How the servo loop is doing; `None` for a tool without a device.
-    pub fn servo_statistics(&self) -> Option<&ServoStatistics> {
+    #[inline]
+    pub fn servo_statistics(&self) -> Option<ServoStatistics> {
         self.device.as_ref().map(|(servo, _)| servo.statistics())
     }
 

@@ -132,11 +132,13 @@ const MAX_DIVISION: u32 = 32;
 
 impl ToolMotion {
     /// At rest at a pose.
+    #[inline]
     pub fn at(pose: Pose) -> Self {
         Self { pose, linear_m_s: Vec3::zeros(), angular_rad_s: Vec3::zeros() }
     }
 
     /// Whether all of it is finite and the tool within [`FAR_M`] of the origin. Allocates nothing.
+    #[inline]
     pub fn is_valid(&self) -> bool {
         // Not `&&`: a servo loop asks several times in each tick, and has no time to stop early.
         all_finite(self.linear_m_s.as_slice())
@@ -332,6 +334,7 @@ impl ToolPath {
     }
 }
 
+#[inline]
 fn is_near(pose: &Pose) -> bool {
     let is_near = pose.translation.vector.iter().fold(true, |all, x| all & (x.abs() <= FAR_M));
     is_near & all_finite(pose.rotation.coords.as_slice())

@@ -26,15 +26,16 @@ impl Average {
     }
 
     /// The largest magnitude that may be rendered now.
+    #[inline]
     pub fn allowed(&self) -> f64 {
         let limit = self.continuous * self.continuous;
         if limit <= 0.0 {
             return self.largest;
         }
-        let room = ((1.0 - self.mean_square / limit) / (1.0 - WARM)).max(0.0);
-        if room >= 1.0 {
+        if self.mean_square <= WARM * limit {
             return self.largest;
         }
+        let room = ((1.0 - self.mean_square / limit) / (1.0 - WARM)).max(0.0);
         (limit + (self.largest * self.largest - limit) * room).max(0.0).sqrt()
     }
 
@@ -44,13 +45,26 @@ impl Average {
     }
 
     /// Takes in what was rendered for `dt` seconds.
+    #[inline]
     pub fn note(&mut self, rendered: Vec3, dt: f64) {
         // A device without torque has no motors that could get warm.
         if self.largest <= 0.0 {
             return;
         }
-        let kept = (-dt / self.window_s).exp();
-        self.mean_square = self.mean_square * kept + rendered.norm_squared() * (1.0 - kept);
+        self.mean_square += (rendered.norm_squared() - self.mean_square) * gone(dt / self.window_s);
+    }
+}
+
+/// Largest share of a window for which the series below is exact to rounding.
+const SHORT: f64 = 2e-3;
+
+/// 1 − exp(−x). A tick is short, and gets it from the series, as the exponential would take a good part of it.
+#[inline]
+fn gone(x: f64) -> f64 {
+    if x < SHORT {
+        x * (1.0 - x * (1.0 / 2.0 - x * (1.0 / 6.0 - x * (1.0 / 24.0 - x * (1.0 / 120.0)))))
+    } else {
+        -(-x).exp_m1()
     }
 }
 
@@ -85,6 +99,14 @@ mod tests {
             let (force, is_lowered) = at_most(Vec3::z() * 0.87, average.allowed());
             assert!(!is_lowered);
             average.note(force, 1e-3);
+        }
+    }
+
+    #[test]
+    fn what_is_gone_after_a_tick_is_what_the_exponential_says() {
+        for x in (0..60).map(|i| 1e-6 * 1.3_f64.powi(i)) {
+            let expected = -(-x).exp_m1();
+            assert!((gone(x) / expected - 1.0).abs() < 4.0 * f64::EPSILON, "{x}: {} {expected}", gone(x));
         }
     }
 

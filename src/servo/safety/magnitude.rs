@@ -1,26 +1,34 @@
 //! Limits of a vector's length and of its change. They shorten; they never turn a force or drop one of its components.
 
-use crate::math::Vec3;
+use crate::math::{Vec3, all_finite};
 
 /// A square that is less than this share of the limit's is less whatever the rounding.
 const ALMOST: f64 = 1.0 - 1e-12;
 
 /// The vector, no longer than `limit`, and whether that made it shorter. What is not finite becomes zero.
+#[inline]
 pub fn at_most(v: Vec3, limit: f64) -> (Vec3, bool) {
     // Most are short, and a NaN is not.
     if v.norm_squared() < limit * limit * ALMOST {
         return (v, false);
     }
+    let share = share_within(v, limit);
+    (if share > 0.0 { v * share } else { Vec3::zeros() }, share < 1.0)
+}
+
+/// What share of a vector is no longer than `limit`; none of one that is not finite.
+#[cold]
+fn share_within(v: Vec3, limit: f64) -> f64 {
+    if !all_finite(v.as_slice()) {
+        return 0.0;
+    }
     // The largest component first: a square of 1e200 is not finite, but its direction is known.
     let scale = v.amax();
-    if !v.iter().all(|x| x.is_finite()) {
-        return (Vec3::zeros(), true);
-    }
     if scale <= f64::MIN_POSITIVE {
-        return (v, false);
+        return 1.0;
     }
     let length = (v / scale).norm() * scale;
-    if length <= limit { (v, false) } else { (v / scale / (length / scale) * limit, true) }
+    if length <= limit { 1.0 } else { limit / length }
 }
 
 /// Follows a vector no faster than its slew limit.
@@ -31,6 +39,7 @@ pub struct Slew {
 
 impl Slew {
     /// One step towards `wanted`, of at most `most`, and whether it did not arrive.
+    #[inline]
     pub fn step(&mut self, wanted: Vec3, most: f64) -> (Vec3, bool) {
         let (change, is_short) = at_most(wanted - self.last, most);
         self.last = if is_short { self.last + change } else { wanted };

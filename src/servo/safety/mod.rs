@@ -81,9 +81,13 @@ impl SafetyChain {
     }
 
     /// The wrench that goes to the device. Always finite and within the device's limits.
+    #[inline(always)]
     pub fn pass(&mut self, asked: &Asked) -> (Wrench, Flags) {
         let (dt, clock) = self.time(asked.tick);
-        let ([wrench, lasting], finite) = only_finite(asked);
+        let is_finite = is_finite(asked);
+        let finite = Flags::NOT_FINITE.when(!is_finite);
+        let only_finite = |wrench: Wrench| if is_finite { wrench } else { Wrench::default() };
+        let (wrench, lasting) = (only_finite(asked.wrench), only_finite(asked.lasting));
         let (wrench, age) = self.age.pass(wrench, lasting, asked.age_s, asked.period_s);
         let speed = Flags::TOO_FAST.when(self.speed.is_over(&asked.motion, dt));
 
@@ -102,16 +106,23 @@ impl SafetyChain {
 
         let (force, force_flags) =
             bounded(wrench.force_n * share, &self.force_average, self.desc.max_force_n);
-        let (torque, torque_flags) =
-            bounded(wrench.torque_n_m * share, &self.torque_average, self.desc.max_torque_n_m);
         // A device without torque is not told at every touch that it has none.
-        flags |= force_flags | if self.desc.has_torque() { torque_flags } else { Flags::NONE };
+        let (torque, torque_flags) = if self.desc.has_torque() {
+            bounded(wrench.torque_n_m * share, &self.torque_average, self.desc.max_torque_n_m)
+        } else {
+            (Vec3::zeros(), Flags::NONE)
+        };
+        flags |= force_flags | torque_flags;
 
         // A force that is withdrawn takes all the time that passed, and a tick's at least: a clock that stands still must not hold it.
         let step_s =
             if share == 0.0 { dt.max(self.desc.tick_s()) } else { dt.min(MOST_TICKS * self.desc.tick_s()) };
         let (force, is_force_short) = self.force_slew.step(force, self.desc.slew_n_per_s * step_s);
-        let (torque, is_torque_short) = self.torque_slew.step(torque, self.desc.slew_n_m_per_s * step_s);
+        let (torque, is_torque_short) = if self.desc.has_torque() {
+            self.torque_slew.step(torque, self.desc.slew_n_m_per_s * step_s)
+        } else {
+            (torque, false)
+        };
         flags |= Flags::SLEWED.when(is_force_short || is_torque_short);
 
         let given = if flags.intersects(Flags::RELEASED) {
@@ -164,18 +175,15 @@ impl SafetyChain {
 pub const DISENGAGING: Flags =
     Flags(Flags::NOT_FINITE.0 | Flags::PAUSED.0 | Flags::STOPPED.0 | Flags::TOO_FAST.0 | Flags::RELEASED.0);
 
-/// The first stage: nothing where anything is not finite.
-fn only_finite(asked: &Asked) -> ([Wrench; 2], Flags) {
-    let wrenches = [asked.wrench, asked.lasting];
-    let are_finite = wrenches.iter().all(|wrench| all_finite(stacked(wrench).as_slice()));
-    if asked.is_finite && asked.motion.is_valid() && are_finite {
-        (wrenches, Flags::NONE)
-    } else {
-        ([Wrench::default(); 2], Flags::NOT_FINITE)
-    }
+/// What the first stage asks: there is nothing where anything is not finite.
+#[inline]
+fn is_finite(asked: &Asked) -> bool {
+    let is_finite = |wrench: &Wrench| all_finite(stacked(wrench).as_slice());
+    asked.is_finite & asked.motion.is_valid() & is_finite(&asked.wrench) & is_finite(&asked.lasting)
 }
 
 /// The average limit, then the clamp.
+#[inline(always)]
 fn bounded(wanted: Vec3, average: &Average, largest: f64) -> (Vec3, Flags) {
     let allowed = average.allowed();
     // While the motors are cool they may do all they can, and that is the clamp's to say.

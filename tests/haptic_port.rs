@@ -206,6 +206,37 @@ fn tissue_that_cannot_move_is_a_wall_and_no_hammer() {
 }
 
 #[test]
+fn tissue_that_is_held_in_part_is_no_hammer_either() {
+    // One node of the top is free. A point that hangs on it by a small share is heavy, and its neighbours push another way.
+    let (cells, cell_m) = ([8, 8, 5], 12e-3);
+    let firm = tissue(20e3, 0.45, 1000.0, 1e-4).unwrap();
+    let block = Block { cells, cell_m, soft: firm, inclusion: None }.build().unwrap();
+    let mut rig = Rig::new(block, 0.0, coupled());
+    for node in (0..81).filter(|node| *node != 40) {
+        let [x, y] = [node % 9, node / 9].map(|n| f64::from(n) * cell_m);
+        let pose = Pose::translation(x, y, cells[2] as f64 * cell_m);
+        rig.sim.fix(&Fix { pose, half_extents: Vec3::repeat(1e-3), axes: [true; 3] }).unwrap();
+    }
+    for aside in [6e-3, 9e-3] {
+        rig.go([-2e-3, aside], 0.1);
+        for depth in [2e-3, 4e-3] {
+            rig.go([depth, aside], 0.2);
+            for _ in 0..200 {
+                rig.tick([depth, aside]);
+                // The spring that the tool hangs on is all that presses it, and none is stretched by more than the device is deep; twice that for the ticks
+                // in which a point comes.
+                let (pressed, most) = (rig.port.force().wrench.force_n.norm(), 2.0 * 700.0 * depth);
+                assert!(pressed < most, "{pressed} N of {most} N, {depth} m deep, {aside} m aside");
+            }
+        }
+        rig.go([-2e-3, aside], 0.5);
+        let least = rig.port.servo_statistics().unwrap().least_energy_j;
+        // As above.
+        assert!(least > -1e-4, "{least} J");
+    }
+}
+
+#[test]
 fn a_tool_that_a_device_holds_goes_a_metre_in_a_second_at_most_and_its_model_says_where_it_was() {
     let mut rig = Rig::new(pressed(false), 0.3, Coupling::Direct);
     rig.press(3e-3);

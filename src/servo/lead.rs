@@ -8,6 +8,9 @@
 //! end of each step. It pulls against inertia alone, so that a tool at rest is where it was asked to be. What it pulled with is then left out of the model, since a servo that
 //! hears of a blow has no more to do about it, and is told instead what the next step will take: all that is yet to come, and nothing twice.
 //!
+//! The mass is met along every way, although without friction it is felt along the normal alone. The next step's normal is not this one's: on the facets of a coarse surface a tool that
+//! was free to slide half a millimetre would meet the next facet with that speed, and take what it gave there for the tissue's own, step by step.
+//!
 //! However heavy the tissue is, the answer to an asked place changes by no more than that spring, K_s, for each metre. The proxy balances it against the coupling, K_vc, and
 //! moves by K_s / (K_vc + K_s) of what the last place was wrong by: every echo is weaker than what it answers, however late it comes (the small-gain theorem; Zames
 //! 1966), as long as the mass on the spring, which nothing need damp, does not swing in step with its echoes. With half of the coupling's stiffness it comes to rest 8
@@ -57,7 +60,7 @@ impl Lead {
     pub fn touch(&mut self, inertia: &Inertia, way: &Vec6) -> Vec6 {
         let before = self.touched.as_ref().map_or(Vec6::zeros(), |touched| touched.way);
         // The spring makes it definite; an inertia that is not finite leads nothing.
-        let factor = Cholesky::new(self.spring + inertia.cell + inertia.waves);
+        let factor = Cholesky::new(self.spring + inertia.around + inertia.waves);
         self.touched = factor.map(|factor| Touched { inertia: *inertia, way: *way, factor });
         match &self.touched {
             Some(_) => inertia.cell * (way - before) + inertia.waves * way,
@@ -77,7 +80,8 @@ impl Lead {
         let (gone, pose) = match &self.touched {
             None => (wished, *asked),
             Some(touched) => {
-                let gone = touched.factor.solve(&(self.spring * wished + touched.inertia.cell * touched.way));
+                let gone =
+                    touched.factor.solve(&(self.spring * wished + touched.inertia.around * touched.way));
                 let turned = Quat::from_scaled_axis(angular(&gone)) * from.rotation;
                 (gone, Pose::from_parts((from.translation.vector + linear(&gone)).into(), turned))
             }
@@ -90,7 +94,7 @@ impl Lead {
     pub fn resistance(&self) -> Option<(Vec6, Vec6, Mat6)> {
         let touched = self.touched.as_ref()?;
         let series = self.spring - self.spring * touched.factor.solve(&self.spring);
-        let stops = self.spring * touched.factor.solve(&(touched.inertia.cell * touched.way));
+        let stops = self.spring * touched.factor.solve(&(touched.inertia.around * touched.way));
         Some((touched.way, stops, (series + series.transpose()) / 2.0))
     }
 }
@@ -119,7 +123,7 @@ mod tests {
         cell.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-arm * resists));
         cell.fixed_view_mut::<3, 3>(3, 0).copy_from(&(arm * resists));
         cell.fixed_view_mut::<3, 3>(3, 3).copy_from(&(-arm * arm * resists));
-        Inertia { cell, waves: cell }
+        Inertia { cell, waves: cell, around: cell }
     }
 
     #[test]
@@ -142,9 +146,9 @@ mod tests {
         let turning = VirtualCoupling { stiffness_n_m_per_rad: 1.0, ..touch() };
         for coupling in [touch(), turning] {
             for mass_kg in [1e-5, 3e-3, 1.0] {
-                let (mut lead, Inertia { cell, waves }) = (Lead::new(&coupling), dragged(mass_kg));
+                let (mut lead, Inertia { cell, waves, around }) = (Lead::new(&coupling), dragged(mass_kg));
                 let way = Vec6::new(1e-4, 0.0, -3e-4, 0.0, 1e-3, 0.0);
-                lead.touch(&Inertia { cell, waves }, &way);
+                lead.touch(&Inertia { cell, waves, around }, &way);
                 let blow = |asked: &Vec6| {
                     let pose = Pose::new(linear(asked), angular(asked));
                     let gone =
@@ -175,7 +179,8 @@ mod tests {
         let mut lead = Lead::new(&coupling);
         let resists = |mass_kg: f64| isotropic(mass_kg / (STEP_S * STEP_S), 0.0);
         // The worst of tissue: nothing of it is carried away.
-        let taken_for = Inertia { cell: resists(taken_for_kg), waves: Mat6::zeros() };
+        let cell = resists(taken_for_kg);
+        let taken_for = Inertia { cell, waves: Mat6::zeros(), around: cell };
         lead.touch(&taken_for, &Vec6::zeros());
         let mut models = vec![ContactModel::none(); steps_late + 1];
         let (mut at, mut before, mut most) = (Pose::identity(), Vec6::zeros(), 0.0_f64);

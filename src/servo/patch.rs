@@ -47,6 +47,9 @@ pub struct Inertia {
     pub cell: Mat6,
     /// That of the tissue behind: waves carry away what it was given, as a damper takes it.
     pub waves: Mat6,
+    /// That of the same nodes along any way. A surface has facets and bends, and a tool that slides from one to the next meets by its next normal what lay across
+    /// its last: what is led must not be free along a way that may be a blow a step later.
+    pub around: Mat6,
 }
 
 /// Share of the largest friction from which on a contact counts as sliding.
@@ -134,6 +137,7 @@ impl Patch {
         Inertia {
             cell: self.springs(origin, resists, resists),
             waves: self.springs(origin, wave(pressure), wave(shear)),
+            around: Self { sticks: true, ..*self }.springs(origin, resists, resists),
         }
     }
 
@@ -247,7 +251,7 @@ mod tests {
         let (mass, cell) = (2e-3, 3e-3);
         let patch = Patch { tissue: SOFT, cell_m: cell, ..patch() };
         for step in [0.2e-3, 1e-3, 4e-3] {
-            let Inertia { cell: nodes, waves } = patch.inertia(&Pose::identity(), step, mass);
+            let Inertia { cell: nodes, waves, .. } = patch.inertia(&Pose::identity(), step, mass);
             for (axis, speed) in [(Vec3::z(), 4.355), (Vec3::x(), 1.313)] {
                 assert!((stiffness_along(&nodes, axis) * step * step / mass - 1.0).abs() < 1e-12);
                 let expected = row_of_masses(speed * step / cell);
@@ -255,8 +259,10 @@ mod tests {
                 assert!((found - expected).abs() < 0.15 * (1.0 + expected), "{found} {expected}");
             }
         }
-        let slippery = Patch { sticks: false, ..patch };
-        assert_eq!(stiffness_along(&slippery.inertia(&Pose::identity(), 1e-3, mass).waves, Vec3::x()), 0.0);
+        let slippery = Patch { sticks: false, ..patch }.inertia(&Pose::identity(), 1e-3, mass);
+        let along =
+            [slippery.cell, slippery.waves, slippery.around].map(|of| stiffness_along(&of, Vec3::x()));
+        assert_eq!(along, [0.0, 0.0, mass / (1e-3 * 1e-3)], "what slides is met by its next normal alone");
         let incompressible = Patch { tissue: Tissue { poisson: 0.5, ..SOFT }, ..patch };
         assert!(incompressible.inertia(&Pose::identity(), 1e-3, mass).waves.iter().all(|x| x.is_finite()));
     }

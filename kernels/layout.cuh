@@ -474,18 +474,18 @@ struct Sides {
 };
 
 // A point of a blade's edge in tissue: nodes of its cell, their weights there, and 1 / mass of each; where it is, and the direction of the edge, in the tool's frame; and the force
-// at which the tissue gives way, in N.
+// at which the tissue gives way, in N. The impulse is what it gets in the substep in progress.
 struct Stuck {
     uint32_t nodes[8];
     double weights[8], inverse_kg[8];
-    double limit;
+    double limit, impulse[3];
     float at[3], along[3];
     uint32_t tool;
 };
 
 // All of them, tool by tool; null where there are none.
 struct Sticks {
-    const Stuck* all;
+    Stuck* all;
     const uint32_t* count;
     ToolSum* sums;
     uint32_t substeps;

@@ -133,35 +133,49 @@ __device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h) {
     return most;
 }
 
-// Points of edges, one after the other, by the first eight threads: give(tool, impulse on it, its moment and the work on the tissue). Gives how far a node of this thread's went at
-// most, all together.
+// Points of edges, by the first eight threads: give(tool, impulse on it, its moment and the work on the tissue). Gives how far a node of this thread's went at most, all together. By projected
+// Gauss-Seidel, as on the processor.
 template <class Nodes, class Give>
 __device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, Give give) {
     if (!sticks.all || threadIdx.x >= 8) return 0.0;
+    constexpr int SWEEPS = 32;
+    constexpr double CONVERGED = 1e-3;
     const uint32_t corner = threadIdx.x, count = *sticks.count;
     double most = 0.0;
+    for (int sweep = 0; sweep < SWEEPS; ++sweep) {
+        double largest = 0.0, change_of_any = 0.0;
 #pragma unroll 1
-    for (uint32_t i = 0; i < count; ++i) {
-        const Stuck& stuck = sticks.all[i];
-        const ToolStep& tool = step.tools[stuck.tool];
-        const View view = view_of(tool, to);
-        const Vec arm = rotate(view.turn, vec(stuck.at)), along = rotate(view.turn, vec(stuck.along)), goes = velocity_of(tool, arm, step.duration);
-        const uint32_t slot = stuck.nodes[corner];
-        const double weight = stuck.weights[corner];
-        const Triple by = mobility(nodes, slot, stuck.inverse_kg[corner]), v = nodes.v(slot);
-        Triple slip = triple(goes) - sum_of_eight(v * weight);
-        slip = slip - triple(along) * dot(slip, triple(along));
-        const double size = sqrt(dot(slip, slip));
-        // By the most mobile axis of each node: no impulse overshoots.
-        const double gives = sum_of_eight(fmax(by.x, fmax(by.y, by.z)) * weight * weight);
-        if (size > 0.0 && gives > 0.0) {
-            const Triple impulse = slip * (fmin(size / gives, stuck.limit * dt) / size), change = each(by, impulse) * weight;
-            nodes.set(slot, nodes.u(slot) + change * dt, v + change);
-            most += sqrt(dot(change, change)) * dt;
-            if (corner == 0) give(stuck.tool, impulse * -1.0, cross(triple(arm), impulse) * -1.0, dot(impulse, triple(goes)));
+        for (uint32_t i = 0; i < count; ++i) {
+            Stuck& stuck = sticks.all[i];
+            const ToolStep& tool = step.tools[stuck.tool];
+            const View view = view_of(tool, to);
+            const Vec arm = rotate(view.turn, vec(stuck.at)), along = rotate(view.turn, vec(stuck.along)), goes = velocity_of(tool, arm, step.duration);
+            const uint32_t slot = stuck.nodes[corner];
+            const double weight = stuck.weights[corner];
+            const Triple by = mobility(nodes, slot, stuck.inverse_kg[corner]), v = nodes.v(slot);
+            Triple slip = triple(goes) - sum_of_eight(v * weight);
+            slip = slip - triple(along) * dot(slip, triple(along));
+            // By the most mobile axis of each node: no impulse overshoots.
+            const double gives = sum_of_eight(fmax(by.x, fmax(by.y, by.z)) * weight * weight);
+            const Triple before = sweep == 0 ? Triple{} : Triple{stuck.impulse[0], stuck.impulse[1], stuck.impulse[2]};
+            Triple wanted = before;
+            if (gives > 0.0) {
+                wanted = before + slip * (1.0 / gives);
+                const double size = sqrt(dot(wanted, wanted)), limit = stuck.limit * dt;
+                if (size > limit) wanted = wanted * (limit / size);
+                const Triple impulse = wanted - before, change = each(by, impulse) * weight;
+                nodes.set(slot, nodes.u(slot) + change * dt, v + change);
+                most += sqrt(dot(change, change)) * dt;
+                largest = fmax(largest, sqrt(dot(wanted, wanted)));
+                change_of_any = fmax(change_of_any, sqrt(dot(impulse, impulse)));
+                if (corner == 0) give(stuck.tool, impulse * -1.0, cross(triple(arm), impulse) * -1.0, dot(impulse, triple(goes)));
+            }
+            // What one has changed the next one sees.
+            __syncwarp(0xff);
+            if (corner == 0) stuck.impulse[0] = wanted.x, stuck.impulse[1] = wanted.y, stuck.impulse[2] = wanted.z;
+            __syncwarp(0xff);
         }
-        // What one has changed the next one sees.
-        __syncwarp(0xff);
+        if (change_of_any <= CONVERGED * largest) break;
     }
     return most;
 }

@@ -20,6 +20,8 @@ sanitized=(
     cuda:efg::a_press_inside_the_implicit_step_feels_as_on_the_processor
     cuda:efg::loads_and_driven_bones_act_as_on_the_processor
     cuda:cutting::copies_on_a_gpu_are_held_freed_and_weighed_as_on_the_processor
+    cuda:cutting::a_blade_on_a_gpu_meets_the_toughness_that_it_meets_on_the_processor
+    cuda:cutting::a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor
     lattice_bench:a_sphere_in_a_held_block_is_felt_by_the_baseline
 )
 tools=(memcheck initcheck synccheck)

@@ -677,6 +677,7 @@ pub struct Stuck {
     pub weights: [f64; 8],
     pub inverse_kg: [f64; 8],
     pub limit: f64,
+    pub impulse: [f64; 3],
     pub at: [f32; 3],
     pub along: [f32; 3],
     pub tool: u32,

@@ -79,7 +79,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Facing { nodes, weights, inverse_kg, normal }
         Sides { all, cells, classes }
-        Stuck { nodes, weights, inverse_kg, limit, at, along, tool }
+        Stuck { nodes, weights, inverse_kg, limit, impulse, at, along, tool }
         Sticks { all, count, sums, substeps, begins }
         Birth { slot, from }
         Reworded { slot, word }

@@ -39,6 +39,7 @@ impl Sticks {
                 weights: held.weights,
                 inverse_kg: held.nodes.map(|slot| body.node_mass(slot).recip()),
                 limit: held.limit_n,
+                impulse: [0.0; 3],
                 at: held.at.map(|x| x as f32).into(),
                 along: held.along.map(|x| x as f32).into(),
                 tool,

@@ -102,15 +102,25 @@ __device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h)
     const double gap = dot(apart, normal);
     const Triple aside = apart - normal * gap;
     if (gap >= 0.0 || sqrt(dot(aside, aside)) > h) return 0.0;
-    const Triple by[2] = {each(mobility(nodes, slots[0], facing.inverse_kg[0][corner]), normal), each(mobility(nodes, slots[1], facing.inverse_kg[1][corner]), normal)};
-    const double give = sum_of_eight((dot(by[0], normal) + dot(by[1], normal)) * (weight * weight));
-    if (!(give > 0.0)) return 0.0;
+    // Each side goes as one, whatever single nodes weigh: a copy may weigh next to nothing.
+    Triple free[2];
+    double mass[2], give[2];
+    for (int side = 0; side < 2; ++side) {
+        free[side] = mobility(nodes, slots[side], 1.0);
+        const bool is_free = free[side].x + free[side].y + free[side].z > 0.0;
+        mass[side] = sum_of_eight(is_free ? 1.0 / facing.inverse_kg[side][corner] : 0.0);
+        const double carried = sum_of_eight(dot(each(free[side], normal), normal) * weight);
+        give[side] = mass[side] > 0.0 ? fmax(carried, 0.0) / mass[side] : 0.0;
+    }
+    const double total = give[0] + give[1];
+    if (!(total > 0.0)) return 0.0;
     const double closing = fmin(dot(sum_of_eight((nodes.v(slots[0]) - nodes.v(slots[1])) * weight), normal), 0.0);
-    const double push = fmin(-gap, PUSH_LIMIT * h) / give, blow = -closing / give;
+    const double push = fmin(-gap, PUSH_LIMIT * h) / total, blow = -closing / total;
     double most = 0.0;
     // One after the other: at the front of a cut both may be the same node.
     for (int side = 0; side < 2; ++side) {
-        const Triple share = by[side] * (side == 0 ? weight : -weight);
+        if (!(give[side] > 0.0)) continue;
+        const Triple share = each(free[side], normal) * ((side == 0 ? 1.0 : -1.0) / mass[side]);
         nodes.set(slots[side], nodes.u(slots[side]) + share * push, nodes.v(slots[side]) + share * blow);
         most = fmax(most, sqrt(dot(share, share)) * push);
     }

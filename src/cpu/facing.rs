@@ -25,23 +25,31 @@ pub fn keep_apart<R: Real>(all: &[Facing], h: f64, nodes: &mut Mobile<R>) -> f64
         if gap >= 0.0 || (apart - normal * gap).norm() > h {
             continue;
         }
-        let mobilities = facing.nodes.map(|side| side.map(|slot| nodes.mobility(slot)));
-        let give: f64 = mobilities
-            .iter()
-            .flat_map(|side| side.iter().zip(facing.weights))
-            .map(|(mobility, weight)| mobility.component_mul(&normal).dot(&normal) * weight * weight)
-            .sum();
-        if give <= 0.0 {
+        // Each side goes as one, whatever single nodes weigh: a copy may weigh next to nothing.
+        let masks = facing.nodes.map(|side| side.map(|slot| nodes.free(slot)));
+        let mass = [0, 1].map(|side| {
+            facing.nodes[side]
+                .iter()
+                .zip(masks[side])
+                .filter(|(_, free)| *free != Vec3::zeros())
+                .map(|(&slot, _)| (nodes.kg)(slot))
+                .sum::<f64>()
+        });
+        let along = |free: &Vec3| free.component_mul(&normal).dot(&normal);
+        let carried =
+            masks.map(|side| side.iter().zip(facing.weights).map(|(free, w)| along(free) * w).sum::<f64>());
+        let give =
+            [0, 1].map(|side| if mass[side] > 0.0 { carried[side].max(0.0) / mass[side] } else { 0.0 });
+        if give[0] + give[1] <= 0.0 {
             continue;
         }
         let velocities = facing.nodes.map(|side| side.map(|slot| nodes.v.vec3(slot)));
         let closing = (of(&velocities[0]) - of(&velocities[1])).dot(&normal).min(0.0);
-        let (push, blow) = ((-gap).min(PUSH_LIMIT * h) / give, -closing / give);
-        for (side, sign) in [(0, 1.0), (1, -1.0)] {
-            for ((slot, mobility), weight) in
-                facing.nodes[side].into_iter().zip(mobilities[side]).zip(facing.weights)
-            {
-                let share = mobility.component_mul(&normal) * (sign * weight);
+        let total = give[0] + give[1];
+        let (push, blow) = ((-gap).min(PUSH_LIMIT * h) / total, -closing / total);
+        for (side, sign) in [(0, 1.0), (1, -1.0)].into_iter().filter(|&(side, _)| give[side] > 0.0) {
+            for (slot, free) in facing.nodes[side].into_iter().zip(masks[side]) {
+                let share = free.component_mul(&normal) * (sign / mass[side]);
                 nodes.u.set(slot, nodes.u.vec3(slot) + share * push);
                 nodes.v.set(slot, nodes.v.vec3(slot) + share * blow);
                 furthest = furthest.max((share * push).norm());

@@ -19,9 +19,13 @@ pub struct Mobile<'a, R> {
 impl<R> Mobile<'_, R> {
     /// 1 / mass along each axis that is free, else 0.
     pub fn mobility(&self, slot: u32) -> Vec3 {
+        self.free(slot) / (self.kg)(slot)
+    }
+
+    /// 1 along each axis that is free, else 0.
+    pub fn free(&self, slot: u32) -> Vec3 {
         let flags = self.flags[slot as usize];
-        let kg = (self.kg)(slot);
         let is_free = |axis: usize| flags & (flag::GRASPED | flag::FIX_X << axis) == 0;
-        Vec3::from_fn(|axis, _| if is_free(axis) { 1.0 / kg } else { 0.0 })
+        Vec3::from_fn(|axis, _| if is_free(axis) { 1.0 } else { 0.0 })
     }
 }

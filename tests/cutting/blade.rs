@@ -7,7 +7,7 @@ use palpate::solver::blade::Blade;
 use palpate::solver::method::Method;
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-use super::{CELL_M, METHODS, beam, simulation, slit};
+use super::{CELL_M, METHODS, beam, dragged, simulation, slit};
 
 /// J/m².
 const TOUGHNESS: f64 = 5.0;
@@ -47,7 +47,8 @@ fn a_blade_that_does_not_resist_cuts_as_the_same_way_by_hand_does() {
 fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissue() {
     for method in METHODS {
         let (width, model) = (5, beam([20, 5, 6], true));
-        let mut sim = simulation(&model, method, Vec3::zeros());
+        // Tissue that rings would let go of the edge and catch it again.
+        let mut sim = dragged(&model, method, Vec3::zeros(), 200.0);
         let mut blade = sim.add_tool(&edge(TOUGHNESS)).unwrap();
         let expected = TOUGHNESS * f64::from(width) * CELL_M;
         // Tissue that is pressed is a little wider, and the edge is asked at points half a cell apart.
@@ -64,8 +65,7 @@ fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissu
         }
         let mean = sum / f64::from(count);
         assert!(sim.parts().len() == 1 && most < limit, "{most} of {expected}");
-        // Tissue springs back at each cell that opens, and then sticks anew: less than the limit for a while.
-        assert!(mean.x > 0.7 * expected && mean.x < limit, "{mean:?} of {expected}");
+        assert!(mean.x > 0.99 * expected && mean.x < limit, "{mean:?} of {expected}");
         assert!(mean.yz().norm() < 0.2 * mean.x, "{mean:?}");
         // Drawn back through its own cut it meets nothing.
         for step in 0..100 {
@@ -127,7 +127,8 @@ fn bad_blades_are_refused_and_a_cut_without_room_is_told_once_while_the_simulati
         assert!(matches!(blade.set_motion(&nan), Err(Error::Argument(_))));
     }
     let events: Vec<Event> = std::iter::from_fn(|| sim.poll_event()).collect();
-    assert!(matches!(events[..], [Event::CutRefused { tool, .. }] if tool == blade.id()), "{events:?}");
+    let refused = |event: &&Event| matches!(event, Event::CutRefused { tool, .. } if *tool == blade.id());
+    assert!(events.iter().filter(refused).count() == 1 && events.len() <= 2, "{events:?}");
     assert_eq!(sim.parts().len(), 1);
     // All of the body at once, in one step.
     let mut sim = simulation(&model, Method::Lattice, Vec3::zeros());

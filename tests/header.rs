@@ -10,7 +10,7 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 19] = [
+const SOURCES: [&str; 21] = [
     "version",
     "status",
     "types/mod",
@@ -19,6 +19,7 @@ const SOURCES: [&str; 19] = [
     "types/sim",
     "types/drive",
     "types/servo",
+    "types/cut",
     "types/tool",
     "types/surface",
     "preset",
@@ -27,6 +28,7 @@ const SOURCES: [&str; 19] = [
     "sim",
     "drive",
     "change",
+    "cut",
     "statistics",
     "tool",
     "surface",

@@ -114,6 +114,12 @@
 /// The buttons of a tool's device have changed, to `buttons`.
 #define PLP_EVENT_BUTTONS 5
 
+/// A cut of a tool's blade was refused: the room of plp_sim_desc.cut_nodes is spent. Told once for each tool, until a reset.
+#define PLP_EVENT_CUT_REFUSED 6
+
+/// Surface number `value` does not show the last cuts: it is not closed where they meet it, or its room is spent. The tissue is cut all the same. Told once, until it follows.
+#define PLP_EVENT_SURFACE_BEHIND 7
+
 /// A label's voxels become nothing: air, gas, outside.
 #define PLP_USE_EMPTY 0
 
@@ -585,6 +591,9 @@ typedef struct {
     uint32_t max_iterations;
     /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
     double tolerance;
+    /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
+    /// cut. So far on the processor alone.
+    uint64_t cut_nodes;
 } plp_sim_desc;
 
 /// A load that acts until it is removed. Fill it with plp_load_init (or plp_load_default), then set what its
@@ -675,11 +684,26 @@ typedef struct {
     uint32_t buttons;
     /// Simulated time in s.
     double time_s;
-    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s.
+    /// FELL_BEHIND: how much wall-clock time was let go since that was last told, half a second ago or longer, in s. SURFACE_BEHIND: the
+    /// surface.
     double value;
-    /// SERVO_SILENT, BUTTONS: plp_tool_get_id of the tool; 0 for all others.
+    /// SERVO_SILENT, BUTTONS, CUT_REFUSED: plp_tool_get_id of the tool; 0 for all others.
     uint64_t tool_id;
 } plp_event;
+
+/// A part of the tissue that hangs together.
+typedef struct {
+    /// Its volume at rest in m^3.
+    double volume_m3;
+    /// Its mass in kg.
+    double mass_kg;
+    /// Velocity of its centre of mass in m/s, world frame.
+    double velocity_m_s[3];
+    /// 1 where nodes of it are held, along all axes; otherwise 0.
+    uint32_t is_held;
+    /// 0.
+    uint32_t reserved;
+} plp_part;
 
 /// How a simulation is doing.
 typedef struct {
@@ -740,6 +764,12 @@ typedef struct {
     uint32_t cg_iterations;
     /// 0.
     uint32_t reserved;
+    /// Wall-clock time that cutting took in the last step, in seconds; part of step_wall_s.
+    double cut_wall_s;
+    /// Cells that cuts have divided.
+    uint64_t divided_cell_count;
+    /// Copies of nodes that cuts have made, of the room of plp_sim_desc.cut_nodes.
+    uint64_t copy_count;
 } plp_statistics;
 
 /// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up
@@ -838,12 +868,25 @@ typedef struct {
     double coupling_n_m_s_rad;
 } plp_haptic_desc;
 
+/// The cutting edge of a tool.
+typedef struct {
+    /// The points of a polyline, x, y, z in metres, tool frame [point_count * 3]. It cuts what it sweeps, in both directions.
+    const double *edge_m;
+    /// Number of points, 2 to 64.
+    uint32_t point_count;
+    /// Must be 0.
+    uint32_t reserved;
+    /// The toughness that tissue has for this edge, in J/m^2, which is N for each metre of edge: up to that force tissue sticks to the edge, then it is cut. 0 cuts
+    /// freely. Measured values: 76 to 186 for a pig's liver, some 2000 for skin.
+    double toughness_j_m2;
+} plp_blade;
+
 /// A tool: a rigid compound of shapes. Fill it with plp_tool_desc_init (or plp_tool_desc_default), then give
 /// it parts.
 typedef struct {
     /// The size of this struct as the caller knows it.
     uint32_t struct_size;
-    /// Number of parts, 1 to 16.
+    /// Number of parts, 1 to 16; a blade may do without.
     uint32_t part_count;
     /// The shapes [part_count].
     const plp_tool_part *parts;
@@ -851,6 +894,8 @@ typedef struct {
     double friction;
     /// The haptic device that holds the tool, for plp_tool_exchange; NULL (default) where none does. @nullable
     const plp_haptic_desc *haptic;
+    /// The edge that the tool cuts with; NULL (default) for one that presses alone. With a blade part_count may be 0. The simulation needs plp_sim_desc.cut_nodes. @nullable
+    const plp_blade *blade;
 } plp_tool_desc;
 
 /// Where a tool is and how it moves.
@@ -954,10 +999,13 @@ typedef struct {
     uint64_t vertex_count;
     /// Number of triangles.
     uint64_t triangle_count;
-    /// Changes whenever vertex_count or triangles do; 0 until the first cut.
+    /// Changes whenever anything but positions, normals and scalars does; 0 until the first cut.
     uint64_t topology_version;
     /// Simulated time of the frame in seconds.
     double time_s;
+    /// The first of the triangles that cuts have laid open: all after it are. Their vertices are theirs alone, so that they can have a normal and a texture of their own; texture
+    /// coordinates are lengths in metres there. triangle_count where nothing is cut.
+    uint64_t first_wall_triangle;
 } plp_surface_view;
 
 /// The call did what was asked.
@@ -1304,6 +1352,28 @@ plp_status plp_sim_grasp(plp_sim *sim,
 ///
 /// @thread owner
 plp_status plp_sim_release(plp_sim *sim, const plp_tool *tool, uint64_t *node_count);
+
+/// Cuts what the edge of a blade sweeps on its straight way from one polyline to another, at once and without a tool: from_m and to_m are the edge's
+/// points at the start and at the end, x, y, z in metres, world frame [point_count * 3]. Where it starts where the last such cut ended it sweeps on, and tissue that has moved against it meanwhile is
+/// cut as well. Rigid tissue is not cut. How many cells were divided, or divided otherwise, goes to cell_count (@nullable cell_count).
+///
+/// Answers PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0 and PLP_ERR_LIMIT where the room is spent: nothing is cut then. Tools with a blade cut by themselves.
+///
+/// @thread owner
+plp_status plp_sim_cut(plp_sim *sim,
+                       const double *from_m,
+                       const double *to_m,
+                       uint32_t point_count,
+                       uint64_t *cell_count);
+
+/// The parts that cuts have left, the largest first. Writes at most `capacity` of them and the number of all to part_count; answers PLP_TRUNCATED where capacity is less. parts may be
+/// NULL with a capacity of 0 (@nullable parts).
+///
+/// @thread owner
+plp_status plp_sim_get_parts(plp_sim *sim,
+                             plp_part *parts,
+                             uint64_t capacity,
+                             uint64_t *part_count);
 
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///

@@ -80,8 +80,8 @@ static void check_blade(const plp_model *model) {
         ANSWERS(PLP_OK, plp_tool_get_force(tool, &force));
         if (force.force_n[0] > most) most = force.force_n[0];
     }
-    /* 20 J/m^2 times 40 mm. */
-    CHECK(most > 0.4 && most < 0.801);
+    /* 20 J/m^2 times 40 mm, and up to two points of the edge more, where the tissue bulges. */
+    CHECK(most > 0.4 && most < 0.801 + 2 * 20.0 * 0.0025);
     ANSWERS(PLP_OK, plp_sim_get_statistics(sim, &statistics, sizeof statistics));
     CHECK(statistics.divided_cell_count == 64 && statistics.copy_count > 0);
     ANSWERS(PLP_OK, plp_tool_destroy(tool));

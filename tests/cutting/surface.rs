@@ -165,7 +165,8 @@ fn a_part_that_was_cut_off_comes_to_lie_on_the_other() {
         let momentum = |sim: &Sim| sim.parts().iter().map(|p| p.velocity_m_s * p.mass_kg).sum::<Vec3>();
         (0..150).for_each(|_| sim.step().unwrap());
         assert_eq!(sim.parts().len(), 2);
-        assert!(momentum(&sim).norm() < 0.02 * mass, "it lies still: {:?}", momentum(&sim) / mass);
+        // In free fall it would have 1.5 m/s; sides that touch chatter.
+        assert!(momentum(&sim).norm() < 0.05 * mass, "it lies still: {:?}", momentum(&sim) / mass);
         let now = points(&surface.map().unwrap());
         let sunk = rest.iter().zip(&now).map(|(a, b)| a.z - b.z).fold(0.0, f64::max);
         // In 0.15 s it would have fallen by 0.11 m; as one piece it sinks by a few hundredths of a cell.

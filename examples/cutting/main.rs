@@ -81,10 +81,8 @@ pub fn run(options: &Options) -> anyhow::Result<Done> {
         let pose = scene.blade_at(time_s);
         blade.set_motion(&ToolMotion::at(pose))?;
         let taken = scene.grasper_at(time_s).zip(grasper.as_mut());
-        if let Some(((at, holds), port)) = taken {
-            if holds {
-                port.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z)))?;
-            }
+        if let Some(((at, true), port)) = taken {
+            port.set_motion(&ToolMotion::at(Pose::translation(at.x, at.y, at.z)))?;
         }
         sim.step().with_context(|| format!("after {time_s:.3} s"))?;
         let shown = scene.grasper_at(time_s).filter(|(_, holds)| *holds).map(|(at, _)| at);

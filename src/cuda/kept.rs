@@ -33,7 +33,7 @@ impl<T: Plain + PartialEq> Kept<T> {
     pub fn set(&mut self, values: Vec<T>) -> Result<()> {
         let changed = if values.len() > self.buffer.room() {
             self.buffer = Buffer::zeros(&self.stream, values.len().next_power_of_two())?;
-            vec![0..values.len()]
+            std::iter::once(0..values.len()).collect()
         } else {
             changed(&self.host, &values)
         };

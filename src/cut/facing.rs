@@ -30,7 +30,7 @@ impl Facing {
         // Bricks have an even number of nodes along each axis.
         let [x, y, _] = BRICK;
         let local = self.cell as usize;
-        local & 1 | (local / x & 1) << 1 | (local / (x * y) & 1) << 2
+        local & 1 | ((local / x) & 1) << 1 | ((local / (x * y)) & 1) << 2
     }
 
     /// All of a topology, by classes and in these by cells ascending.

@@ -293,7 +293,7 @@ impl ToolDesc {
     /// Radius of a ball around the tool's origin that contains its parts and its edge.
     pub fn reach_m(&self) -> f64 {
         let edge = self.blade.iter().flat_map(|blade| &blade.edge);
-        edge.map(|point| point.norm()).fold(self.bounding_radius_m(), f64::max)
+        edge.map(Vec3::norm).fold(self.bounding_radius_m(), f64::max)
     }
 
     /// Radius of a ball around the tool's origin that contains its parts.

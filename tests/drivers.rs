@@ -205,7 +205,7 @@ fn a_gpu_without_memory_is_a_limit() {
 fn a_failure_while_a_simulation_is_created_is_told_and_undone() {
     for (case, fault, reason) in [
         ("kernels", "cuModuleLoadData 222 0", "loading the kernels on Fake 0: status 222"),
-        ("kernel", "cuModuleGetFunction 500 3", "finding the kernel muster: status 500"),
+        ("kernel", "cuModuleGetFunction 500 3", "finding the kernel cut_single: status 500"),
         ("shared", "cuFuncSetAttribute 1 0", "dividing a processor's memory: status 1"),
         ("attribute", "cuFuncGetAttribute 1 0", "asking about a kernel: status 1"),
         ("capture", "cuStreamEndCapture 901 0", "recording a step: status 901"),

@@ -72,12 +72,12 @@ pub fn run(options: &Options) -> anyhow::Result<Done> {
 
     let mut record = Record::new(&scene.model);
     let mut film = animation::Film::new(options.frames);
-    let steps = (scene.seconds() / sim_step_s(options)).round() as u32;
+    let steps = (scene.seconds() / options.step_s()).round() as u32;
     // Before, in the middle of the cut, and at the end.
-    let during = ((scene.rest_s + 0.5 * scene.cut_s) / sim_step_s(options)) as u32;
+    let during = ((scene.rest_s + 0.5 * scene.cut_s) / options.step_s()) as u32;
     let mut moments = vec![Moment::of(&surface.map()?, None, None)];
     for step in 1..=steps {
-        let time_s = f64::from(step) * sim_step_s(options);
+        let time_s = f64::from(step) * options.step_s();
         let pose = scene.blade_at(time_s);
         blade.set_motion(&ToolMotion::at(pose))?;
         let taken = scene.grasper_at(time_s).zip(grasper.as_mut());
@@ -108,17 +108,13 @@ pub fn run(options: &Options) -> anyhow::Result<Done> {
     Ok(Done { record, place: sim.place().to_string(), parts_m3 })
 }
 
-fn sim_step_s(options: &Options) -> f64 {
-    options.step_ms * 1e-3
-}
-
 fn desc(options: &Options, scene: &Scene) -> SimDesc {
     SimDesc {
         method: options.method(),
         backend: options.backend(),
         gravity_m_s2: scene.gravity_m_s2,
         rest_under_gravity: scene.rests_under_gravity,
-        step_s: sim_step_s(options),
+        step_s: options.step_s(),
         cut_nodes: scene.cut_nodes,
         ..SimDesc::default()
     }

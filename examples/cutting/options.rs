@@ -103,6 +103,11 @@ impl Options {
         Ok(())
     }
 
+    /// Length of a step in s.
+    pub fn step_s(&self) -> f64 {
+        self.step_ms * 1e-3
+    }
+
     /// What computes the tissue.
     pub fn method(&self) -> Method {
         match self.model {

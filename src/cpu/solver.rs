@@ -189,6 +189,11 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
+    fn mass(&self, slot: u32) -> f64 {
+        let core = &self.core;
+        core.bricks.node_mass(slot, |material| core.corner_kg[usize::from(material)])
+    }
+
     fn displacement(&self, slot: u32) -> Vec3 {
         self.core.nodes.u.vec3(slot)
     }

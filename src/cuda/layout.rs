@@ -1,5 +1,8 @@
 //! What the host and the kernels share: twins of `kernels/layout.cuh`.
 
+mod cut;
+mod efg;
+mod outside;
 #[cfg(all(test, unix))]
 mod tests;
 
@@ -7,12 +10,15 @@ use std::mem::offset_of;
 
 use cudarc::driver::sys::CUdeviceptr;
 
-use crate::math::{Mat3, Pose, Vec3};
-use crate::model::efg::law::HOURGLASS;
+use crate::math::Pose;
 use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
 use crate::solver;
 use crate::solver::tool::Shape;
+
+pub use cut::*;
+pub use efg::*;
+pub use outside::*;
 
 /// What a cell of one material contributes, SI units.
 #[derive(Clone, Copy, Debug, Default)]
@@ -222,30 +228,6 @@ impl Default for Report {
 /// No substep went wrong.
 pub const SOUND: u32 = u32::MAX;
 
-/// A piece of a divided cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct Piece {
-    pub nodes: [u32; 8],
-    pub material: u32,
-    pub volume: f32,
-}
-
-/// Bricks on which no piece hangs, and those with no node in a row, among places of those with one.
-pub const NO_PLACE: u32 = u32::MAX;
-
-/// Pieces of divided cells.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct Pieces {
-    pub count: u32,
-    pub all: CUdeviceptr,
-    pub given: CUdeviceptr,
-    pub starts: CUdeviceptr,
-    pub hung: CUdeviceptr,
-    pub kg: CUdeviceptr,
-}
-
 /// Bricks that a kernel advances.
 pub mod share {
     pub const WHOLE: u32 = 0;
@@ -303,113 +285,6 @@ pub mod sleepers {
     pub const AWAKE_NODES: usize = 2;
     /// How many there are.
     pub const COUNTS: usize = 3;
-}
-
-/// A node that loads push.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Pushed {
-    pub slot: u32,
-    pub start: u32,
-    pub count: u32,
-    pub force: [f64; 3],
-    pub mobility: [f64; 3],
-}
-
-/// A pressed face.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Pressed {
-    corners: [u32; 4],
-    pub diagonals: [[f64; 3]; 2],
-    pub pressure: f64,
-}
-
-impl Pressed {
-    /// A face between corners that lie `at` rest positions, counter-clockwise seen from outside.
-    pub fn of(corners: [u32; 4], at: [Vec3; 4], pressure: f64) -> Self {
-        Self { corners, diagonals: [at[2] - at[0], at[3] - at[1]].map(Into::into), pressure }
-    }
-}
-
-/// All loads.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Push {
-    pub count: u32,
-    pub nodes: CUdeviceptr,
-    pub faces: CUdeviceptr,
-}
-
-/// A node of a region that is driven.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Driven {
-    rest: [f64; 3],
-    slot: u32,
-    region: u32,
-}
-
-impl Driven {
-    /// The node in a slot, and its region's place.
-    pub fn of(slot: u32, rest: Vec3, region: u32) -> Self {
-        Self { rest: rest.into(), slot, region }
-    }
-}
-
-/// What makes a displacement of a rest position.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub struct Motion {
-    turn: [f64; 9],
-    way: [f64; 3],
-}
-
-impl Motion {
-    /// Of a region at a pose.
-    pub fn of(pose: &Pose) -> Self {
-        // Rounded after the difference: a small turn stays as precise as it is.
-        let turn = pose.rotation.to_rotation_matrix().into_inner() - Mat3::identity();
-        Self { turn: std::array::from_fn(|i| turn[(i / 3, i % 3)]), way: pose.translation.vector.into() }
-    }
-}
-
-/// All regions that are driven.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Drive {
-    pub count: u32,
-    pub regions: u32,
-    pub nodes: CUdeviceptr,
-    pub motions: CUdeviceptr,
-}
-
-/// A node that a tool holds.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Held {
-    rest: [f64; 3],
-    place: [f32; 3],
-    mass: f32,
-    slot: u32,
-}
-
-impl Held {
-    /// The node in a slot, and where it is in the tool's frame.
-    pub fn of(slot: u32, rest: Vec3, place: Vec3, mass: f64) -> Self {
-        Self { rest: rest.into(), place: place.map(|x| x as f32).into(), mass: mass as f32, slot }
-    }
-}
-
-/// All nodes that tools hold.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Hold {
-    pub count: u32,
-    pub substeps: u32,
-    pub nodes: CUdeviceptr,
-    pub starts: CUdeviceptr,
-    pub sums: CUdeviceptr,
 }
 
 /// Places in [`Contact::counts`]: how many there are.
@@ -532,205 +407,4 @@ pub struct Surface {
     pub positions: CUdeviceptr,
     pub normals: CUdeviceptr,
     pub scalars: CUdeviceptr,
-}
-
-/// What meshless cells of one material resist by: μ, λ and the stiffness of an hourglass.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub struct EfgLaw {
-    forces: [f64; 3],
-    changes: [f64; 3],
-}
-
-impl EfgLaw {
-    /// Of cells of edge length `h`; `factor` is what a step makes of them.
-    pub fn of(law: &CellLaw, h: f64, factor: f64) -> Self {
-        let forces = [law.shear_pa, law.lambda_pa, HOURGLASS * law.shear_pa * h];
-        Self { forces, changes: forces.map(|modulus| modulus * factor) }
-    }
-}
-
-/// What is new in each implicit step. Model frame, SI units. The device reads as many tools as there are.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub struct EfgStep {
-    pub dt: f64,
-    pub inertia: f64,
-    pub gravity: [f64; 3],
-    pub tolerance: f64,
-    pub furthest: f64,
-    pub wall: f64,
-    pub from: f32,
-    pub to: f32,
-    pub reach: f32,
-    pub max_iterations: u32,
-    pub elasticity: u32,
-    pub is_paper: u32,
-    pub only_forces: u32,
-    pub substep: u32,
-    pub step: Step,
-}
-
-impl EfgStep {
-    /// Those that a step with so many tools needs.
-    pub fn bytes(tools: usize) -> usize {
-        offset_of!(Self, step) + Step::bytes(tools)
-    }
-}
-
-/// How many numbers of each node a field has.
-pub mod numbers {
-    pub const VECTOR: usize = 3;
-    pub const BLOCK: usize = 6;
-    pub const ROTATION: usize = 4;
-    pub const FRAME: usize = 9;
-}
-
-/// How many numbers contact keeps of each of its points.
-pub const PRESS_FIELDS: usize = 12;
-/// Most numbers that blocks sum up at once.
-pub const GRID_NUMBERS: usize = 4;
-
-/// Bytes that a block of the step's kernel shares, by those of a number, and those that each of its teams adds.
-pub const fn efg_block_bytes(number: usize) -> usize {
-    GRID_NUMBERS * 33 * 8 + 96 * number
-}
-pub const fn efg_team_bytes(number: usize) -> usize {
-    3780 * number
-}
-
-/// The meshless state and its system.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Efg {
-    pub bricks: u32,
-    pub starts: u32,
-    pub row_count: u32,
-    pub is_followed: u32,
-    pub cell: f64,
-    pub step: CUdeviceptr,
-    pub laws: CUdeviceptr,
-    pub neighbours: CUdeviceptr,
-    pub flags: CUdeviceptr,
-    pub cells: CUdeviceptr,
-    pub shown: CUdeviceptr,
-    pub mass: CUdeviceptr,
-    pub heavy: CUdeviceptr,
-    pub inverse: CUdeviceptr,
-    pub rotations: CUdeviceptr,
-    pub frames: CUdeviceptr,
-    pub u: CUdeviceptr,
-    pub v: CUdeviceptr,
-    pub x: CUdeviceptr,
-    pub b: CUdeviceptr,
-    pub r: CUdeviceptr,
-    pub z: CUdeviceptr,
-    pub p: CUdeviceptr,
-    pub w: CUdeviceptr,
-    pub s: CUdeviceptr,
-    pub ax: CUdeviceptr,
-    pub touched: CUdeviceptr,
-    pub shares: CUdeviceptr,
-    pub press: CUdeviceptr,
-    pub meetings: CUdeviceptr,
-    pub arrived: CUdeviceptr,
-    pub partials: CUdeviceptr,
-    pub seen: CUdeviceptr,
-    pub is_settled: CUdeviceptr,
-    pub near_tools: CUdeviceptr,
-    pub started: CUdeviceptr,
-    pub row_cells: CUdeviceptr,
-    pub row_entries: CUdeviceptr,
-    pub row_bricks: CUdeviceptr,
-    pub row_starts: CUdeviceptr,
-    pub row_places: CUdeviceptr,
-    pub row_rotations: CUdeviceptr,
-    pub row_frames: CUdeviceptr,
-    pub row_given: CUdeviceptr,
-    pub report: CUdeviceptr,
-}
-
-/// Two pieces face to face across a wall.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub struct Facing {
-    pub nodes: [[u32; 8]; 2],
-    pub weights: [f64; 8],
-    pub inverse_kg: [[f64; 8]; 2],
-    pub normal: [f64; 3],
-}
-
-/// The sides of cuts.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Sides {
-    pub all: CUdeviceptr,
-    pub cells: CUdeviceptr,
-    pub classes: CUdeviceptr,
-}
-
-/// A point of a blade's edge in tissue.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Stuck {
-    pub nodes: [u32; 8],
-    pub weights: [f64; 8],
-    pub inverse_kg: [f64; 8],
-    pub limit: f64,
-    pub impulse: [f64; 3],
-    pub at: [f32; 3],
-    pub along: [f32; 3],
-    pub tool: u32,
-}
-
-/// All of them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[repr(C)]
-pub struct Sticks {
-    pub all: CUdeviceptr,
-    pub count: CUdeviceptr,
-    pub sums: CUdeviceptr,
-    pub substeps: u32,
-    pub begins: u32,
-}
-
-/// A node that a cut has made, and the one that it was.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Birth {
-    pub slot: u32,
-    pub from: u32,
-}
-
-/// A node that has other whole cells around it.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Reworded {
-    pub slot: u32,
-    pub word: u32,
-}
-
-/// A row that is turned as another one, or as the cell that starts at a slot.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Turned {
-    pub row: u32,
-    pub from: u32,
-    pub is_row: u32,
-}
-
-/// What a cut changes of the nodes.
-#[derive(Clone, Copy, Debug)]
-#[repr(C)]
-pub struct Cut {
-    pub births: u32,
-    pub words: u32,
-    pub turns: u32,
-    pub born: CUdeviceptr,
-    pub reworded: CUdeviceptr,
-    pub turned: CUdeviceptr,
-    pub u: [CUdeviceptr; 2],
-    pub vectors: [CUdeviceptr; 2],
-    pub rotations: CUdeviceptr,
-    pub row_rotations: CUdeviceptr,
 }

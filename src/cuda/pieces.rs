@@ -8,7 +8,7 @@ use super::layout::{self, NO_PLACE, Pass, Piece};
 use super::memory::{Buffer, Stream};
 use crate::cpu::lattice::pieces::{Place, Places};
 use crate::cut::topology::Topology;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::model::lattice::BRICK_SLOTS;
 
 /// Corners of a piece.
@@ -17,7 +17,6 @@ const CORNERS: usize = 8;
 /// All pieces.
 #[derive(Debug)]
 pub struct Pieces {
-    room: usize,
     pieces: Vec<Piece>,
     places: Places,
     bricks: Kept<u32>,
@@ -47,7 +46,7 @@ impl Springs {
 }
 
 impl Pieces {
-    /// None, with room for as many as there is for copies of nodes: each has a copy at least that no other piece of its cell shares. `evaluates` says whether they give
+    /// None, with room for as many as there is for copies of nodes: a topology makes no more. `evaluates` says whether they give
     /// forces.
     pub fn new(body: &Body, evaluates: bool, stream: &Arc<Stream>) -> Result<Self> {
         let room = body.slot_count() - body.own_slots();
@@ -56,7 +55,6 @@ impl Pieces {
         let places = bricks.min(CORNERS * room) * BRICK_SLOTS;
         let springs = evaluates.then(|| Springs::new(stream, room, places));
         Ok(Self {
-            room,
             pieces: Vec::new(),
             places: Places::default(),
             bricks: Kept::of(stream, vec![NO_PLACE; if room > 0 { bricks + 1 } else { 0 }], 0)?,
@@ -64,18 +62,6 @@ impl Pieces {
             springs: springs.transpose()?,
             record: Kept::of(stream, Vec::new(), 1)?,
         })
-    }
-
-    /// Whether there is room for those of a topology.
-    pub fn check_room(&self, topology: &Topology) -> Result<()> {
-        let count: usize = topology.cells().iter().map(|(_, cell)| cell.pieces.len()).sum();
-        if count > self.room {
-            return Err(Error::Limit(format!(
-                "the cut leaves {count} pieces of cells, and there is room for {}",
-                self.room
-            )));
-        }
-        Ok(())
     }
 
     /// Takes over those of a topology.

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use super::body::Body;
 use super::kept::Kept;
 use super::layout;
 use super::memory::Stream;
@@ -30,8 +29,8 @@ impl Sides {
         })
     }
 
-    /// Takes over those of a topology.
-    pub fn take(&mut self, topology: &Topology, body: &Body) -> Result<()> {
+    /// Takes over those of a topology, whose nodes weigh `kg`.
+    pub fn take(&mut self, topology: &Topology, kg: impl Fn(u32) -> f64) -> Result<()> {
         self.facing = Facing::all(topology);
         let (mut cells, mut classes) = (Vec::new(), Vec::new());
         for (pair, facing) in (0..).zip(&self.facing) {
@@ -45,15 +44,15 @@ impl Sides {
         cells.push(self.facing.len() as u32);
         self.cells.set(cells)?;
         self.classes.set(classes)?;
-        self.weigh(body)
+        self.weigh(kg)
     }
 
-    /// Nodes weigh otherwise.
-    pub fn weigh(&mut self, body: &Body) -> Result<()> {
+    /// Nodes weigh otherwise, by their slots.
+    pub fn weigh(&mut self, kg: impl Fn(u32) -> f64) -> Result<()> {
         let record = |facing: &Facing| layout::Facing {
             nodes: facing.nodes,
             weights: facing.weights,
-            inverse_kg: facing.nodes.map(|side| side.map(|slot| body.node_mass(slot).recip())),
+            inverse_kg: facing.nodes.map(|side| side.map(|slot| kg(slot).recip())),
             normal: facing.normal.into(),
         };
         self.all.set(self.facing.iter().map(record).collect())

@@ -440,7 +440,8 @@ impl Solver for CudaSolver {
         self.forget_nodes();
         let sequence = self.next_sequence();
         let duration = plan.dt * f64::from(plan.substeps);
-        let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?;
+        let outside =
+            self.outside.prepare(plan, &self.body, |slot| self.body.node_mass(slot), self.contact.sums())?;
         let fall = 0.5 * (plan.gravity.norm() + outside.acceleration) * duration * duration;
         let way = self.speed * duration + fall + outside.way;
         let is_at_rest = self.vis_viva == 0.0;
@@ -519,6 +520,10 @@ impl Solver for CudaSolver {
 
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
         self.fill(surface, field, arrays)
+    }
+
+    fn mass(&self, slot: u32) -> f64 {
+        self.body.node_mass(slot)
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
@@ -601,7 +606,7 @@ impl Solver for CudaSolver {
         }
         self.state.laws.write(0, &laws.map(|law| Law::of(&law)))?;
         self.state.pieces.weigh(&self.body)?;
-        self.state.sides.weigh(&self.body)?;
+        self.state.sides.weigh(|slot| self.body.node_mass(slot))?;
         let omega = stability::highest_omega(stable_dt, most_damping(laws));
         self.sleep.set_thresholds(self.model.lattice().cell_m(), omega);
         self.change(stable_dt)

@@ -100,7 +100,7 @@ impl State {
         pass
     }
 
-    /// Takes over what a cut has made of the tissue. Fails, and changes nothing, where there is no room for its pieces.
+    /// Takes over what a cut has made of the tissue.
     pub fn cut(
         &mut self,
         kernel: Kernel,
@@ -108,10 +108,9 @@ impl State {
         change: &Change,
         body: &mut Body,
     ) -> Result<()> {
-        self.pieces.check_room(topology)?;
         body.bricks.divide(topology, change);
         self.pieces.take(topology, body)?;
-        self.sides.take(topology, body)?;
+        self.sides.take(topology, |slot| body.node_mass(slot))?;
         self.bricks = body.bricks_for(topology.copy_count());
         let fields = Fields {
             u: self.u.each_ref().map(Buffer::at),

@@ -203,7 +203,7 @@ impl Topology {
 
     /// Cuts edges, at shares of their lengths from their lower nodes. Those that are cut already stay as they are.
     ///
-    /// Fails when there is no room for the copies that this takes; nothing is cut then.
+    /// Fails when there is no room for the copies that this takes, or for as many pieces; nothing is cut then.
     pub fn cut(&mut self, lattice: &Lattice, edges: &[(LatticeEdge, f64)]) -> Result<Change> {
         let new: HashMap<LatticeEdge, f64> = edges
             .iter()
@@ -212,6 +212,15 @@ impl Topology {
             .collect();
         let divided = self.divide_around(lattice, &new);
         let (hung, copies, births) = self.hang(lattice, &divided)?;
+        // What is kept for each piece has room for as many as there may be copies.
+        let kept = self.cells.iter().filter(|(slot, _)| !hung.contains_key(slot)).map(|(_, cell)| cell);
+        let pieces: usize = kept.chain(hung.values()).map(|cell| cell.pieces.len()).sum();
+        if pieces > self.capacity {
+            return Err(Error::Limit(format!(
+                "the cut leaves {pieces} pieces of cells, and there is room for {}",
+                self.capacity
+            )));
+        }
 
         let mut change = Change {
             edges: new.keys().copied().collect(),
@@ -617,6 +626,30 @@ mod tests {
             b.sort_by(f64::total_cmp);
             assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-9) && a.len() == b.len());
         }
+    }
+
+    /// So many random cuts of ragged bodies, a new one after every forty.
+    fn cut_at_random(count: usize) {
+        let (mut noise, lattice) = (Noise(57), ragged());
+        let mut topology = topology(&lattice);
+        for cut in 0..count {
+            if cut % 40 == 0 {
+                topology = self::topology(&lattice);
+            }
+            topology.cut(&lattice, &crossed(&lattice, random_triangle(&mut noise, &lattice))).unwrap();
+            check(&lattice, &topology);
+        }
+    }
+
+    #[test]
+    fn a_thousand_random_cuts_lose_nothing_and_leave_no_copy_dangling() {
+        cut_at_random(1000);
+    }
+
+    #[test]
+    #[ignore = "takes minutes; tests/long.sh runs it"]
+    fn a_hundred_thousand_random_cuts_lose_nothing_and_leave_no_copy_dangling() {
+        cut_at_random(100_000);
     }
 
     #[test]

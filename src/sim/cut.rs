@@ -16,7 +16,6 @@ use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, Lattice, flag};
-use crate::model::law::CellLaw;
 use crate::model::surface::Surface;
 
 /// What cuts have left, and where the last one ended.
@@ -28,8 +27,6 @@ pub(super) struct Cuts {
     beyond: HashMap<GridEdge, f64>,
     /// The model's surfaces, cut; none before the first cell is divided, and where there never was one that is closed.
     surfaces: Vec<Option<CutSurface>>,
-    /// Masses of the nodes of divided cells in kg.
-    kg: HashMap<u32, f64>,
     /// Where the last blade stands that was not a tool's, model frame.
     blade: Vec<Vec3>,
     pub seen: Seen,
@@ -56,7 +53,6 @@ impl Cuts {
             margin: Margin::new(lattice, farthest.unwrap_or_default()),
             beyond: HashMap::new(),
             surfaces: Vec::new(),
-            kg: HashMap::new(),
             blade: Vec::new(),
             seen: Seen::default(),
         }
@@ -78,28 +74,6 @@ impl Cuts {
         };
         self.surfaces.iter_mut().zip(model.surfaces()).map(follow).collect()
     }
-
-    /// Weighs the nodes of divided cells, given the corner mass of each material.
-    fn weigh(&mut self, lattice: &Lattice, laws: &[CellLaw; 16]) {
-        let corner_kg = |material: u8| laws[usize::from(material)].corner_kg;
-        self.kg.clear();
-        for (_, cell) in self.topology.cells() {
-            for (hung, node) in cell.pieces.iter().flat_map(|hung| hung.nodes.map(|node| (hung, node))) {
-                *self.kg.entry(node).or_default() += corner_kg(cell.material) * hung.piece.volume;
-            }
-        }
-        // And the whole cells beside them.
-        for (&slot, kg) in self.kg.iter_mut().filter(|(slot, _)| (**slot as usize) < lattice.slot_count()) {
-            let divided = |corner: usize| {
-                let node = lattice.node_of(slot);
-                let cell = [0, 1, 2].map(|axis| node[axis].wrapping_sub(corner >> axis & 1));
-                let is_cell = (0..3).all(|axis| cell[axis] < lattice.cells()[axis]);
-                let cell = is_cell.then(|| self.topology.cell(lattice.slot(cell)?)).flatten();
-                cell.map_or(0.0, |cell| corner_kg(cell.material))
-            };
-            *kg += lattice.node_mass(slot, corner_kg) - (0..8).map(divided).sum::<f64>();
-        }
-    }
 }
 
 /// Flags of a slot, of a lattice whose own slots have `flags` or a copy.
@@ -107,12 +81,6 @@ pub(super) fn flags_of(cuts: Option<&Cuts>, lattice: &Lattice, flags: &[u8], slo
     let of_copy = |cuts: &Cuts| cuts.topology.flags_of(lattice, slot, flags);
     let own = flags.get(slot as usize).copied();
     own.or_else(|| cuts.map(of_copy)).unwrap_or(flag::FIX_ALL)
-}
-
-/// Mass of a node in kg, of a lattice or a copy.
-pub(super) fn node_kg(cuts: Option<&Cuts>, lattice: &Lattice, laws: &[CellLaw; 16], slot: u32) -> f64 {
-    let of_pieces = cuts.and_then(|cuts| cuts.kg.get(&slot).copied());
-    of_pieces.unwrap_or_else(|| lattice.node_mass(slot, |material| laws[usize::from(material)].corner_kg))
 }
 
 impl Seen {
@@ -231,7 +199,6 @@ impl State {
         // Should the rest fail, steps are only shorter than they need be.
         self.body.note_cut(&model);
         self.statistics.stable_substep_s = self.body.stable_dt;
-        cuts.weigh(model.lattice(), &self.body.laws);
         let flags = self.flags_of_copies(&cuts.topology);
         let taken = self.solver.cut(&cuts.topology, change, &self.surfaces);
         let taken = taken.and_then(|()| self.solver.set_flags(&flags, self.body.stable_dt));
@@ -289,13 +256,6 @@ impl State {
         self.is_behind.fill(false);
         self.surface_version += 1;
         Ok(())
-    }
-
-    /// Materials weigh otherwise.
-    pub fn weigh_cuts(&mut self) {
-        if let Some(cuts) = &mut self.cuts {
-            cuts.weigh(self.model.lattice(), &self.body.laws);
-        }
     }
 
     fn flags_of_copies(&self, topology: &Topology) -> Vec<(u32, u8)> {

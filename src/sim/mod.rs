@@ -90,7 +90,7 @@ pub struct SimDesc {
     /// Whether quiet bricks of nodes fall asleep and stay as anchors.
     pub sleeping: bool,
     /// Room for the copies of nodes that cuts make, rounded up to whole bricks of 128; with 0 the tissue cannot be cut. A wide cut takes two for each cell that it divides, a short
-    /// one more, up to eight. What is cut off has weight only where [`Self::rest_under_gravity`] is not set.
+    /// one more, up to eight; cells may fall into as many pieces. What is cut off has weight only where [`Self::rest_under_gravity`] is not set.
     pub cut_nodes: usize,
 }
 

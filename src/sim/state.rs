@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::body::Body;
 use super::carried::{Carried, Mobility, is_held};
-use super::cut::{Cuts, flags_of, no_room, node_kg};
+use super::cut::{Cuts, flags_of, no_room};
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -584,12 +584,12 @@ impl State {
                 tool.entered = Some(asked);
             }
             let friction = tool.desc.friction;
-            let Body { materials, laws, flags, .. } = &self.body;
+            let Body { materials, flags, .. } = &self.body;
             let (lattice, rows) = (self.model.lattice(), &self.surfaces[self.model.contact_surface()].rows);
             let mobility = |slot: u32, push: &Vec3| {
                 let push = frame.inverse() * push;
                 let held = flags_of(self.cuts.as_ref(), lattice, flags, slot);
-                let kg = node_kg(self.cuts.as_ref(), lattice, laws, slot);
+                let kg = self.solver.mass(slot);
                 let free = (0..3).filter(|axis| held & (flag::GRASPED | flag::FIX_X << axis) == 0);
                 let square: f64 = free.map(|axis| push[axis] * push[axis]).sum();
                 Mobility { free: square / kg, all: push.norm_squared() / kg }

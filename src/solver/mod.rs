@@ -9,7 +9,7 @@ pub mod tool;
 use std::sync::Arc;
 
 use crate::cut::topology::{Change, Topology};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::{Pose, Vec3};
 use crate::model::law::CellLaw;
 use crate::model::surface::Surface;
@@ -154,6 +154,9 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Computes a surface as it is now. Fails when the device is lost, or has no room.
     fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()>;
 
+    /// Mass of the node in a slot in kg, of the lattice or a copy.
+    fn mass(&self, slot: u32) -> f64;
+
     /// Displacement of a slot in m, model frame.
     fn displacement(&self, slot: u32) -> Vec3;
 
@@ -189,16 +192,11 @@ pub trait Solver: Send + std::fmt::Debug {
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's. [`Self::set_flags`] with
-    /// those of all copies follows. Fails where this device cannot cut.
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
-        let _ = (topology, change, surfaces);
-        Err(Error::Unsupported("cutting runs on the processor".into()))
-    }
+    /// those of all copies follows. Fails when the device is lost, or has no room.
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()>;
 
-    /// Forgets all cuts; [`Self::reset`] follows.
-    fn heal(&mut self) -> Result<()> {
-        Ok(())
-    }
+    /// Forgets all cuts; [`Self::reset`] follows. Fails when the device is lost.
+    fn heal(&mut self) -> Result<()>;
 
     /// Back to rest.
     fn reset(&mut self);

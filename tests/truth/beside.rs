@@ -179,7 +179,7 @@ fn both_models_feel_alike_under_a_shallow_press_of_the_same_lungs() {
 }
 
 #[test]
-#[ignore = "takes minutes; prints the table of docs/efg.md, by the command that stands there"]
+#[ignore = "takes minutes; tests/long.sh runs it, and it prints the table of docs/efg.md"]
 fn both_models_come_closer_on_real_lungs_with_finer_cells() {
     let Some(before) = before() else { return };
     for (radius_m, depth_m) in [(0.06, 3e-3), (0.06, 6e-3), (0.1, 6e-3), (0.2, 3e-3)] {

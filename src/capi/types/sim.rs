@@ -78,7 +78,7 @@ pub struct plp_sim_desc {
     /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
     pub tolerance: f64,
     /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
-    /// cut. So far on the processor alone.
+    /// cut. A cut whose cells fall into more pieces than that is refused too.
     pub cut_nodes: u64,
 }
 

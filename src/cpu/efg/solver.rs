@@ -371,6 +371,10 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
+    fn mass(&self, slot: u32) -> f64 {
+        self.system.mass(slot)
+    }
+
     fn displacement(&self, slot: u32) -> Vec3 {
         self.u.vec3(slot)
     }

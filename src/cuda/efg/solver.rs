@@ -289,7 +289,8 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
 
     fn advance(&mut self, plan: &StepPlan, sums: &mut [ToolSum]) -> Result<StepReport> {
         self.forget_nodes();
-        let outside = self.outside.prepare(plan, &self.body, self.contact.sums())?.plan;
+        let outside =
+            self.outside.prepare(plan, &self.body, |slot| self.state.mass(slot), self.contact.sums())?.plan;
         // Settling looks for rest alone: steps so long that inertia is nothing, from no velocity each.
         let settling = StepPlan { dt: SETTLING_S, ..*plan };
         let plan = if plan.kinetic_damping { &settling } else { plan };
@@ -339,6 +340,10 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
         let pass = self.state.pass();
         self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
+    }
+
+    fn mass(&self, slot: u32) -> f64 {
+        self.state.mass(slot)
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {

@@ -138,8 +138,9 @@ impl<R: Number> State<R> {
     /// Other materials.
     pub fn set_laws(&mut self, body: &Body) -> Result<()> {
         self.pieces.weigh(body)?;
-        self.sides.weigh(body)?;
-        self.set_masses(body)
+        self.set_masses(body)?;
+        let mass = &self.mass;
+        self.sides.weigh(|slot| mass.host()[slot as usize].to_f64())
     }
 
     fn set_masses(&mut self, body: &Body) -> Result<()> {
@@ -159,7 +160,7 @@ impl<R: Number> State<R> {
         self.mass.host()[slot as usize].to_f64()
     }
 
-    /// Takes over what a cut has made of the tissue. Fails, and changes nothing, where there is no room for its pieces.
+    /// Takes over what a cut has made of the tissue.
     pub fn cut(
         &mut self,
         kernel: Kernel,
@@ -167,13 +168,13 @@ impl<R: Number> State<R> {
         change: &Change,
         body: &mut Body,
     ) -> Result<()> {
-        self.pieces.check_room(topology)?;
         body.bricks.divide(topology, change);
         let turned = self.rows.divide(&body.bricks, topology, change)?;
         self.pieces.take(topology, body)?;
-        self.sides.take(topology, body)?;
         self.cells.set(body.bricks.cells.clone())?;
         self.set_masses(body)?;
+        let mass = &self.mass;
+        self.sides.take(topology, |slot| mass.host()[slot as usize].to_f64())?;
         self.bricks = body.bricks_for(topology.copy_count());
         let fields = Fields {
             u: [self.shown.at(), 0],

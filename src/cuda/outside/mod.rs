@@ -70,11 +70,17 @@ impl Outside {
     }
 
     /// Brings to the device what a step needs and it does not have. The last step must have been reported. `sums` are the tools'.
-    pub fn prepare(&mut self, plan: &StepPlan, body: &Body, sums: CUdeviceptr) -> Result<Prepared> {
+    pub fn prepare(
+        &mut self,
+        plan: &StepPlan,
+        body: &Body,
+        kg: impl Fn(u32) -> f64,
+        sums: CUdeviceptr,
+    ) -> Result<Prepared> {
         let (push, acceleration) = self.pushes.prepare(plan.loads, body)?;
         let (drive, driven) = self.drives.prepare(plan)?;
         let (hold, held) = self.holds.prepare(plan, body, sums)?;
-        let sticks = self.sticks.prepare(plan, body, sums, hold.count > 0)?;
+        let sticks = self.sticks.prepare(plan, kg, sums, hold.count > 0)?;
         let plan = Plan { push, drive, hold, sticks, settles: plan.kinetic_damping };
         Ok(Prepared { plan, acceleration, way: driven.max(held) })
     }

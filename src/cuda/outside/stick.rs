@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
 
-use crate::cuda::body::Body;
 use crate::cuda::layout::{self, Stuck};
 use crate::cuda::memory::{Buffer, Stream};
 use crate::error::Result;
@@ -23,11 +22,11 @@ impl Sticks {
         Ok(Self { points: Buffer::zeros(stream, 0)?, count: Buffer::zeros(stream, 1)? })
     }
 
-    /// The device's record of a step's, which adds to `sums` what they give to tools, where nothing `holds` these before; nothing where there are none.
+    /// The device's record of a step's, which adds to `sums` what they give to tools, where nothing `holds` these before; nothing where there are none. Nodes weigh `kg`.
     pub fn prepare(
         &mut self,
         plan: &StepPlan,
-        body: &Body,
+        kg: impl Fn(u32) -> f64,
         sums: CUdeviceptr,
         holds: bool,
     ) -> Result<layout::Sticks> {
@@ -37,7 +36,7 @@ impl Sticks {
             .map(|(tool, held)| Stuck {
                 nodes: held.nodes,
                 weights: held.weights,
-                inverse_kg: held.nodes.map(|slot| body.node_mass(slot).recip()),
+                inverse_kg: held.nodes.map(|slot| kg(slot).recip()),
                 limit: held.limit_n,
                 impulse: [0.0; 3],
                 at: held.at.map(|x| x as f32).into(),

@@ -29,7 +29,6 @@ impl State {
         let changed = self.solver.set_laws(&body.laws, body.stable_dt);
         self.heed(changed)?;
         self.body = body;
-        self.weigh_cuts();
         self.statistics.stable_substep_s = self.body.stable_dt;
         Ok(())
     }

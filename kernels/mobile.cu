@@ -11,8 +11,8 @@
 namespace mobile_kernel {
 
 constexpr int THREADS = 512, GROUPS = THREADS / 8, CLASSES = 8;
-// Share of a cell by which a side is put back at most.
-constexpr double PUSH_LIMIT = 0.25;
+// Length of the sum of both sides' normals below which they do not face each other.
+constexpr double LEAST_AGREEMENT = 1.4142135623730951;
 
 __device__ __forceinline__ Triple operator+(const Triple& a, const Triple& b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
 __device__ __forceinline__ Triple operator-(const Triple& a, const Triple& b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
@@ -79,7 +79,7 @@ __device__ __forceinline__ Triple mobility(const Nodes& nodes, uint32_t slot, do
     return {along(FIX_X), along(FIX_Y), along(FIX_Z)};
 }
 
-// The wall's normal as both sides have turned it in the mean; `u` is a corner's.
+// The wall's normal as one of its sides has turned it; `u` is a corner's.
 __device__ __forceinline__ Triple turned(const Triple& normal, const Triple& u, uint32_t corner, double h) {
     const double scale = 0.25 / h;
     const auto along = [&](uint32_t bit) { return sum_of_eight(u * (corner & bit ? scale : -scale)); };
@@ -91,38 +91,40 @@ __device__ __forceinline__ Triple turned(const Triple& normal, const Triple& u, 
     return length > 0.0 ? found * (1.0 / length) : normal;
 }
 
-// Puts back one pair. Gives how far a node goes by that.
+// Stops one pair that goes on through itself. Gives how far a node goes by that.
 template <class Nodes>
-__device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h) {
+__device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h, double dt) {
     const uint32_t corner = threadIdx.x % 8;
     const double weight = facing.weights[corner];
     const uint32_t slots[2] = {facing.nodes[0][corner], facing.nodes[1][corner]};
-    const Triple u[2] = {nodes.u(slots[0]), nodes.u(slots[1])};
-    const Triple apart = sum_of_eight((u[0] - u[1]) * weight), normal = turned(triple(facing.normal), (u[0] + u[1]) * 0.5, corner, h);
+    const Triple u[2] = {nodes.u(slots[0]), nodes.u(slots[1])}, rest = triple(facing.normal);
+    const Triple apart = sum_of_eight((u[0] - u[1]) * weight), both = turned(rest, u[0], corner, h) + turned(rest, u[1], corner, h);
+    const double agree = sqrt(dot(both, both));
+    if (agree <= LEAST_AGREEMENT) return 0.0;
+    const Triple normal = both * (1.0 / agree);
     const double gap = dot(apart, normal);
     const Triple aside = apart - normal * gap;
     if (gap >= 0.0 || sqrt(dot(aside, aside)) > h) return 0.0;
-    // Each side goes as one, whatever single nodes weigh: a copy may weigh next to nothing.
-    Triple free[2];
-    double mass[2], give[2];
+    // All nodes of a side alike, by their masses and momenta along axes that are free, whatever single nodes weigh.
+    Triple free[2], goes[2];
+    double yields[2];
     for (int side = 0; side < 2; ++side) {
         free[side] = mobility(nodes, slots[side], 1.0);
         const bool is_free = free[side].x + free[side].y + free[side].z > 0.0;
-        mass[side] = sum_of_eight(is_free ? 1.0 / facing.inverse_kg[side][corner] : 0.0);
-        const double carried = sum_of_eight(dot(each(free[side], normal), normal) * weight);
-        give[side] = mass[side] > 0.0 ? fmax(carried, 0.0) / mass[side] : 0.0;
+        const double kg = 1.0 / facing.inverse_kg[side][corner], mass = sum_of_eight(is_free ? kg : 0.0);
+        const Triple v = nodes.v(slots[side]), momentum = sum_of_eight(each(v, free[side]) * kg), between = sum_of_eight(v * weight);
+        yields[side] = mass > 0.0 ? 1.0 / mass : 0.0;
+        goes[side] = mass > 0.0 ? momentum * (1.0 / mass) : between;
     }
-    const double total = give[0] + give[1];
-    if (!(total > 0.0)) return 0.0;
-    const double closing = fmin(dot(sum_of_eight((nodes.v(slots[0]) - nodes.v(slots[1])) * weight), normal), 0.0);
-    const double push = fmin(-gap, PUSH_LIMIT * h) / total, blow = -closing / total;
+    const double closing = dot(goes[0] - goes[1], normal), total = yields[0] + yields[1];
+    if (closing >= 0.0 || !(total > 0.0)) return 0.0;
+    const double blow = -closing / total;
     double most = 0.0;
     // One after the other: at the front of a cut both may be the same node.
     for (int side = 0; side < 2; ++side) {
-        if (!(give[side] > 0.0)) continue;
-        const Triple share = each(free[side], normal) * ((side == 0 ? 1.0 : -1.0) / mass[side]);
-        nodes.set(slots[side], nodes.u(slots[side]) + share * push, nodes.v(slots[side]) + share * blow);
-        most = fmax(most, sqrt(dot(share, share)) * push);
+        const Triple change = each(free[side], normal) * ((side == 0 ? blow : -blow) * yields[side]);
+        nodes.set(slots[side], nodes.u(slots[side]) + change * dt, nodes.v(slots[side]) + change);
+        most = fmax(most, sqrt(dot(change, change)) * dt);
     }
     __syncwarp(group_mask());
     return most;
@@ -130,13 +132,13 @@ __device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h)
 
 // All pairs. Gives how far a node of this thread's went at most.
 template <class Nodes>
-__device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h) {
+__device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h, double dt) {
     double most = 0.0;
     for (int of = 0; of < CLASSES && sides.all; ++of) {
 #pragma unroll 1
         for (uint32_t cell = sides.classes[of] + threadIdx.x / 8; cell < sides.classes[of + 1]; cell += GROUPS) {
 #pragma unroll 1
-            for (uint32_t i = sides.cells[cell]; i < sides.cells[cell + 1]; ++i) most = fmax(most, keep_apart(nodes, sides.all[i], h));
+            for (uint32_t i = sides.cells[cell]; i < sides.cells[cell + 1]; ++i) most = fmax(most, keep_apart(nodes, sides.all[i], h, dt));
         }
         __syncthreads();
     }
@@ -204,7 +206,7 @@ __device__ void end_step(const Efg& e, const Sides& sides, const Sticks& sticks)
     Report& report = *e.report;
     if (report.diverged_at == ~0u) {
         const EfgNodes<R> nodes{e};
-        double most[1] = {keep_apart(nodes, sides, e.cell)};
+        double most[1] = {keep_apart(nodes, sides, e.cell, step.dt)};
         __syncthreads();
         most[0] += stick(nodes, sticks, step.step, step.to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) {
             add(report.sums[tool], impulse, moment, work);
@@ -235,7 +237,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) mobile(const __grid_consta
     const float to = float(pass.substep) / float(sticks.substeps);
     stick(nodes, sticks, step, to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) { add(sticks.sums[tool], impulse, moment, work); });
     __syncthreads();
-    keep_apart(nodes, sides, pass.cell);
+    keep_apart(nodes, sides, pass.cell, step.dt);
 }
 
 extern "C" __global__ void __launch_bounds__(THREADS) mobile_single(const __grid_constant__ Efg e, const __grid_constant__ Sides sides, const __grid_constant__ Sticks sticks) {

@@ -15,6 +15,8 @@ use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 mod blade;
 #[path = "cutting/opening.rs"]
 mod opening;
+#[path = "cutting/random.rs"]
+mod random;
 #[path = "cutting/surface.rs"]
 mod surface;
 
@@ -69,7 +71,7 @@ fn dragged(model: &Arc<Model>, method: Method, gravity_m_s2: Vec3, drag_per_s: f
         drag_per_s,
         gravity_m_s2,
         rest_under_gravity: false,
-        cut_nodes: 4000,
+        cut_nodes: 10_000,
         ..SimDesc::default()
     };
     Sim::new(model.clone(), &desc).unwrap()

@@ -1,7 +1,7 @@
-//! Contact between the two sides of a cut: what has passed through the other side is put back, and loses the velocity with which it went.
+//! Contact between the two sides of a cut: what has passed through the other side loses the velocity with which it goes on.
 //!
-//! Pair by pair, once in a substep: positions without velocity, and velocities by an impulse that leaves none along the normal, so that a pair never gives energy back. Equal and opposite, whatever
-//! the masses. Sides that have slid past each other by more than a cell do not face each other any more.
+//! Pair by pair, once in a substep, by a blow without bounce that moves all nodes of a side alike: equal and opposite, and so weighed that it takes energy and never gives any, whatever single nodes weigh. How deep sides
+//! are in each other by then they stay. Sides that have turned away from each other, or slid past each other by more than a cell, do not face each other any more.
 
 use super::lanes::Real;
 use super::mobile::Mobile;
@@ -9,60 +9,59 @@ use crate::cut::facing::Facing;
 use crate::math::{Mat3, Vec3};
 use crate::model::energy;
 
-/// Share of a cell by which a side is put back in one substep at most.
-const PUSH_LIMIT: f64 = 0.25;
+/// Length of the sum of both sides' unit normals below which they do not face each other: more than a right angle lies between them.
+const LEAST_AGREEMENT: f64 = std::f64::consts::SQRT_2;
 
-/// Keeps all pairs apart, in cells of edge length `h`. Returns how far a node was put back at most, in m.
-pub fn keep_apart<R: Real>(all: &[Facing], h: f64, nodes: &mut Mobile<R>) -> f64 {
+/// Keeps all pairs apart, in cells of edge length `h`, at the end of a substep of `dt` seconds. Returns how far a node was put back at most, in m.
+pub fn keep_apart<R: Real>(all: &[Facing], h: f64, dt: f64, nodes: &mut Mobile<R>) -> f64 {
     let mut furthest = 0.0_f64;
     for facing in all {
         let at = facing.nodes.map(|side| side.map(|slot| nodes.u.vec3(slot)));
         let of = |side: &[Vec3; 8]| -> Vec3 { side.iter().zip(facing.weights).map(|(u, w)| u * w).sum() };
         let apart = of(&at[0]) - of(&at[1]);
-        // Before all else: most pairs gape.
-        let normal = normal(facing, h, &at);
+        let [a, b] = at.map(|u| normal(facing, h, &u));
+        let Some(normal) = (a + b).try_normalize(LEAST_AGREEMENT) else { continue };
         let gap = apart.dot(&normal);
         if gap >= 0.0 || (apart - normal * gap).norm() > h {
             continue;
         }
-        // Each side goes as one, whatever single nodes weigh: a copy may weigh next to nothing.
-        let masks = facing.nodes.map(|side| side.map(|slot| nodes.free(slot)));
+        // What nodes can move: their masses, and their momenta, along axes that are free.
+        let free = facing.nodes.map(|side| side.map(|slot| nodes.free(slot)));
+        let kg = facing.nodes.map(|side| side.map(|slot| (nodes.kg)(slot)));
         let mass = [0, 1].map(|side| {
-            facing.nodes[side]
-                .iter()
-                .zip(masks[side])
-                .filter(|(_, free)| *free != Vec3::zeros())
-                .map(|(&slot, _)| (nodes.kg)(slot))
-                .sum::<f64>()
+            let movable = kg[side].iter().zip(free[side]).filter(|(_, free)| *free != Vec3::zeros());
+            movable.map(|(kg, _)| kg).sum::<f64>()
         });
-        let along = |free: &Vec3| free.component_mul(&normal).dot(&normal);
-        let carried =
-            masks.map(|side| side.iter().zip(facing.weights).map(|(free, w)| along(free) * w).sum::<f64>());
-        let give =
-            [0, 1].map(|side| if mass[side] > 0.0 { carried[side].max(0.0) / mass[side] } else { 0.0 });
-        if give[0] + give[1] <= 0.0 {
+        let velocity = |side: usize| -> Vec3 {
+            let v = facing.nodes[side].map(|slot| nodes.v.vec3(slot));
+            if mass[side] == 0.0 {
+                return of(&v);
+            }
+            let momenta =
+                (0..8).map(|corner| v[corner].component_mul(&free[side][corner]) * kg[side][corner]);
+            momenta.sum::<Vec3>() / mass[side]
+        };
+        let closing = (velocity(0) - velocity(1)).dot(&normal);
+        let yields = mass.map(|kg| if kg > 0.0 { 1.0 / kg } else { 0.0 });
+        if closing >= 0.0 || yields == [0.0; 2] {
             continue;
         }
-        let velocities = facing.nodes.map(|side| side.map(|slot| nodes.v.vec3(slot)));
-        let closing = (of(&velocities[0]) - of(&velocities[1])).dot(&normal).min(0.0);
-        let total = give[0] + give[1];
-        let (push, blow) = ((-gap).min(PUSH_LIMIT * h) / total, -closing / total);
-        for (side, sign) in [(0, 1.0), (1, -1.0)].into_iter().filter(|&(side, _)| give[side] > 0.0) {
-            for (slot, free) in facing.nodes[side].into_iter().zip(masks[side]) {
-                let share = free.component_mul(&normal) * (sign / mass[side]);
-                nodes.u.set(slot, nodes.u.vec3(slot) + share * push);
-                nodes.v.set(slot, nodes.v.vec3(slot) + share * blow);
-                furthest = furthest.max((share * push).norm());
+        let blow = -closing / (yields[0] + yields[1]);
+        for (side, sign) in [(0, 1.0), (1, -1.0)] {
+            for (slot, free) in facing.nodes[side].into_iter().zip(free[side]) {
+                let change = free.component_mul(&normal) * (sign * yields[side] * blow);
+                nodes.v.set(slot, nodes.v.vec3(slot) + change);
+                nodes.u.set(slot, nodes.u.vec3(slot) + change * dt);
+                furthest = furthest.max(change.norm() * dt);
             }
         }
     }
     furthest
 }
 
-/// The wall's normal as both sides have turned it in the mean.
-fn normal(facing: &Facing, h: f64, u: &[[Vec3; 8]; 2]) -> Vec3 {
-    let mean: [Vec3; 8] = std::array::from_fn(|corner| 0.5 * (u[0][corner] + u[1][corner]));
-    let gradient = energy::gradient(h, &mean);
+/// The wall's normal as one of its sides has turned it, whose nodes are displaced by `u`.
+fn normal(facing: &Facing, h: f64, u: &[Vec3; 8]) -> Vec3 {
+    let gradient = energy::gradient(h, u);
     let deformed = Mat3::identity() + Mat3::from_fn(|row, column| gradient[row][column]);
     let axis = if facing.normal.x.abs() < 0.7 { Vec3::x() } else { Vec3::y() };
     let across = facing.normal.cross(&axis);

@@ -449,7 +449,7 @@ impl<R: CpuReal> Core<R> {
         for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
             furthest += self.hold.hold(tool, span[1], [plan.dt, duration], &mut mobile, sum);
         }
-        furthest += keep_apart(&self.facing, bricks.model.lattice().cell_m(), &mut mobile);
+        furthest += keep_apart(&self.facing, bricks.model.lattice().cell_m(), plan.dt, &mut mobile);
         let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();
         let mut nodes = ContactNodes {
             u_before: u,

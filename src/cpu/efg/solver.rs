@@ -250,7 +250,7 @@ impl<R: EfgReal> EfgSolver<R> {
         let Self { u, v, flags, bricks, system, facing, hold, .. } = self;
         let kg = |slot: u32| system.mass(slot);
         let mut mobile = Mobile { u, v, flags, kg: &kg };
-        let mut way = keep_apart(facing, bricks.model.lattice().cell_m(), &mut mobile);
+        let mut way = keep_apart(facing, bricks.model.lattice().cell_m(), plan.dt, &mut mobile);
         for (tool, sum) in plan.tools.iter().zip(sums) {
             way += hold.hold(tool, t, [plan.dt, step], &mut mobile, sum);
         }

@@ -592,7 +592,7 @@ typedef struct {
     /// EFG: a step's solution is good enough when its true residual is this share of what it was before (default 0.001).
     double tolerance;
     /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
-    /// cut. So far on the processor alone.
+    /// cut. A cut whose cells fall into more pieces than that is refused too.
     uint64_t cut_nodes;
 } plp_sim_desc;
 

@@ -1435,18 +1435,17 @@ plp_status plp_tool_get_force(plp_tool *tool, plp_force *force);
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
 /// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
-/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that: a thread that looks at the statistics costs a servo
-/// nothing.
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that.
 ///
 /// @thread port @rt
 plp_status plp_tool_exchange(plp_tool *tool,
                              const plp_haptic_state *state,
                              plp_servo *servo);
 
-/// How a tool's servo loop is doing. Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is
-/// sizeof(plp_servo_statistics).
+/// How a tool's servo loop was doing at its last tick. Never enters the tool, so that it costs a servo nothing, whatever thread looks.
+/// Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is sizeof(plp_servo_statistics).
 ///
-/// @thread port
+/// @thread any
 plp_status plp_tool_get_servo_statistics(const plp_tool *tool,
                                          plp_servo_statistics *statistics,
                                          uint32_t statistics_size);

@@ -3,10 +3,10 @@
 //! A servo must not lose its force for a tick because another thread happens to be inside its tool. What the tool answered last stands here,
 //! outside the body that the other thread holds. One writer at a time, the holder of the handle; any number of readers; nobody waits.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Words of an answer: those of a `plp_servo`, and its time stamp.
-pub(super) const WORDS: usize = 25;
+/// Words of an answer: those of a `plp_servo`, its time stamp, and those of a `plp_servo_statistics`.
+pub(super) const WORDS: usize = 33;
 /// Looks of a reader. Each but the last fails only if two answers were given during it.
 const LOOKS: usize = 4;
 
@@ -15,12 +15,12 @@ const LOOKS: usize = 4;
 pub(super) struct Aside {
     places: [[AtomicU64; WORDS]; 2],
     /// Counts answers; the newest is in the place of its parity. 0 where there is none.
-    number: AtomicU32,
+    number: AtomicU64,
 }
 
 impl Aside {
     pub const fn new() -> Self {
-        Self { places: [const { [const { AtomicU64::new(0) }; WORDS] }; 2], number: AtomicU32::new(0) }
+        Self { places: [const { [const { AtomicU64::new(0) }; WORDS] }; 2], number: AtomicU64::new(0) }
     }
 
     /// Puts an answer there. The caller holds the handle, so that there is no other writer.
@@ -50,6 +50,12 @@ impl Aside {
             }
         }
         None
+    }
+
+    /// Whether no answer was ever put there.
+    pub fn is_empty(&self) -> bool {
+        // Relaxed: no word is read.
+        self.number.load(Ordering::Relaxed) == 0
     }
 
     /// Forgets what is there. The caller is alone with the handle.

@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 
-use super::aside::Aside;
+use super::aside::{Aside, WORDS};
 use super::status::{Fault, PLP_ERR_BUSY, PLP_ERR_INVALID_HANDLE, PLP_ERR_NULL, plp_status};
 
 /// Dead shells that are kept unused, so that this many handles later a stale one is still recognised.
@@ -55,8 +55,9 @@ unsafe impl Send for Shell {}
 
 static RETIRED: Mutex<VecDeque<&'static Shell>> = Mutex::new(VecDeque::new());
 
-/// A new handle around `body`. `tag` is a number that [`tag`] reads without entering the handle.
-pub(super) fn create<H: Handle>(body: H::Body, tag: u64) -> *mut H {
+/// A new handle around `body`. `tag` is a number that [`tag`] reads without entering the handle, and `said` what [`aside`] finds before any
+/// holder leaves something.
+pub(super) fn create<H: Handle>(body: H::Body, tag: u64, said: Option<&[u64; WORDS]>) -> *mut H {
     let reused = {
         let mut retired = RETIRED.lock();
         if retired.len() > QUARANTINE { retired.pop_front() } else { None }
@@ -74,6 +75,9 @@ pub(super) fn create<H: Handle>(body: H::Body, tag: u64) -> *mut H {
     unsafe { *shell.body.get() = Box::into_raw(Box::new(body)).cast() };
     shell.tag.store(tag, Ordering::Relaxed);
     shell.aside.clear();
+    if let Some(words) = said {
+        shell.aside.put(words);
+    }
     // Release: the body and tag above must be seen by a thread that finds the kind right.
     shell.kind.store(H::KIND, Ordering::Release);
     std::ptr::from_ref(shell).cast_mut().cast()
@@ -194,7 +198,7 @@ pub(super) fn tag<H: Handle>(handle: *const H) -> Result<u64, plp_status> {
     Ok(shell.tag.load(Ordering::Relaxed))
 }
 
-/// What a holder left for those who find the handle busy, read without entering it.
+/// What a holder left for those who do not enter the handle.
 pub(super) fn aside<H: Handle>(handle: *const H) -> Result<&'static Aside, plp_status> {
     shell_of(handle).map(|shell| &shell.aside)
 }
@@ -250,7 +254,7 @@ mod tests {
 
     #[test]
     fn null_wrong_kind_and_stale_handles_are_refused() {
-        let apple = create::<Apple>(vec![1], 7);
+        let apple = create::<Apple>(vec![1], 7, None);
         assert_eq!(hold::<Apple>(std::ptr::null()).err(), Some(PLP_ERR_NULL));
         assert_eq!(hold(apple.cast::<Pear>()).err(), Some(PLP_ERR_INVALID_HANDLE));
         assert_eq!(hold(apple.wrapping_byte_add(1)).err(), Some(PLP_ERR_INVALID_HANDLE));
@@ -264,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_second_caller_is_told_that_the_handle_is_busy() {
-        let apple = create::<Apple>(vec![], 0);
+        let apple = create::<Apple>(vec![], 0, None);
         let held = hold(apple).unwrap();
         assert_eq!(hold(apple).err(), Some(PLP_ERR_BUSY));
         assert_eq!(share(apple).err(), Some(PLP_ERR_BUSY));
@@ -278,10 +282,10 @@ mod tests {
 
     #[test]
     fn a_stale_handle_is_recognised_many_handles_later() {
-        let stale = create::<Apple>(vec![], 0);
+        let stale = create::<Apple>(vec![], 0, None);
         destroy(stale).unwrap();
         for _ in 0..QUARANTINE / 2 {
-            let next = create::<Apple>(vec![], 0);
+            let next = create::<Apple>(vec![], 0, None);
             assert_ne!(next, stale);
             destroy(next).unwrap();
         }

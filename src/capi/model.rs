@@ -90,7 +90,7 @@ pub unsafe extern "C" fn plp_model_create(
             log.warning(|| line);
         }
 
-        let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(built), cap }, 0);
+        let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(built), cap }, 0, None);
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
         unsafe { model.write_unaligned(handle) };
         Ok(PLP_OK)
@@ -123,7 +123,8 @@ pub unsafe extern "C" fn plp_model_load(path: *const c_char, model: *mut *mut pl
         check_out(model, "model")?;
         // SAFETY: the host's string, or NULL, which is refused.
         let loaded = Model::load(unsafe { read_str(path, "path") }?)?;
-        let handle = handle::create::<plp_model>(ModelBody { model: Arc::new(loaded), cap: (0.0, 0) }, 0);
+        let handle =
+            handle::create::<plp_model>(ModelBody { model: Arc::new(loaded), cap: (0.0, 0) }, 0, None);
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
         unsafe { model.write_unaligned(handle) };
         Ok(PLP_OK)

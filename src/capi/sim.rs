@@ -175,7 +175,7 @@ pub unsafe extern "C" fn plp_sim_create(
         let body =
             SimBody { sim: created, log, tools: Vec::new(), is_overturned: false, link: Arc::default() };
         // SAFETY: checked not to be NULL; the host offers a pointer's room.
-        unsafe { sim.write_unaligned(handle::create::<plp_sim>(body, 0)) };
+        unsafe { sim.write_unaligned(handle::create::<plp_sim>(body, 0, None)) };
         Ok(PLP_OK)
     })
 }

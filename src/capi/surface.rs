@@ -49,7 +49,7 @@ pub unsafe extern "C" fn plp_surface_create(
             let port = body.sim.open_surface(index as usize)?;
             let opened = SurfaceBody { port, link: body.link(), is_mapped: false };
             // SAFETY: checked not to be NULL; the host offers a pointer's room.
-            unsafe { surface.write_unaligned(handle::create::<plp_surface>(opened, 0)) };
+            unsafe { surface.write_unaligned(handle::create::<plp_surface>(opened, 0, None)) };
             Ok(PLP_OK)
         })
     })

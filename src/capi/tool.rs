@@ -15,7 +15,7 @@ use super::status::{
 };
 use super::types::*;
 use crate::math::{Pose, Vec3};
-use crate::servo::DeviceState;
+use crate::servo::{DeviceState, ServoStatistics};
 use crate::sim::{Exchange, ToolPort};
 use crate::solver::blade::Blade;
 use crate::solver::tool::{MAX_PARTS, Shape, ToolDesc, ToolMotion, Wrench};
@@ -80,8 +80,9 @@ pub unsafe extern "C" fn plp_tool_create(
                 let (device, options) = haptic(&unsafe { read_desc(asked.haptic) }?)?;
                 body.sim.add_haptic_tool(&desc, &device, &options)?
             };
+            let said = port.servo_statistics().map(|now| Said::nothing(statistics_out(&now)).words());
             let (tag, link) = body.admit_tool(port.id());
-            let handle = handle::create::<plp_tool>(ToolBody { port, link, tag }, tag);
+            let handle = handle::create::<plp_tool>(ToolBody { port, link, tag }, tag, said.as_ref());
             // SAFETY: checked not to be NULL; the host offers a pointer's room.
             unsafe { tool.write_unaligned(handle) };
             Ok(PLP_OK)
@@ -162,8 +163,7 @@ pub unsafe extern "C" fn plp_tool_get_force(tool: *mut plp_tool, force: *mut plp
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
 /// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
-/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that: a thread that looks at the statistics costs a servo
-/// nothing.
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that.
 ///
 /// @thread port @rt
 #[unsafe(no_mangle)]
@@ -183,7 +183,9 @@ pub unsafe extern "C" fn plp_tool_exchange(
         {
             // SAFETY: not NULL; the host passes a state.
             let stamp_s = unsafe { state.read_unaligned() }.stamp_s;
-            if let Some(felt) = handle::aside(tool)?.get().and_then(|words| still_felt(words, stamp_s)) {
+            if let Some(felt) =
+                handle::aside(tool)?.get().and_then(|words| still_felt(&Said::of(words), stamp_s))
+            {
                 // SAFETY: not NULL; the host offers room for it.
                 unsafe { servo.write_unaligned(felt) };
                 is_answered = true;
@@ -202,13 +204,12 @@ pub unsafe extern "C" fn plp_tool_exchange(
         };
         let is_sound = !body.link.is_poisoned();
         let exchange = body.port.exchange(&device, state.buttons, is_sound).ok_or(PLP_ERR_STATE)?;
-        let (age_s, latency_s) =
-            body.port.servo_statistics().map_or((-1.0, 0.0), |s| (age_out(s.age_s), s.latency_s));
-        let felt = servo_out(&exchange, age_s, latency_s);
+        let statistics = statistics_out(&body.port.servo_statistics().ok_or(PLP_ERR_STATE)?);
+        let felt = servo_out(&exchange, statistics.age_s, statistics.latency_s);
         // SAFETY: as above.
         unsafe { servo.write_unaligned(felt) };
         is_answered = true;
-        body.aside().put(&to_words(&felt, state.stamp_s));
+        body.aside().put(&Said { felt, stamp_s: state.stamp_s, statistics }.words());
         Ok(if exchange.is_live { PLP_OK } else { PLP_STOPPED })
     });
     if !is_answered {
@@ -238,25 +239,38 @@ const NO_SERVO: plp_servo = plp_servo {
 /// How long a servo that finds its tool busy keeps the force, in s: as long as one that finds no new model.
 const BUSY_HOLD_S: f64 = 10e-3;
 
-const SERVO_WORDS: usize = size_of::<plp_servo>() / size_of::<u64>();
-const _: () = assert!(SERVO_WORDS + 1 == WORDS);
+/// What a tool said last, which stands aside for callers who do not or cannot enter it.
+#[repr(C)]
+#[derive(Clone, Copy)]
+struct Said {
+    felt: plp_servo,
+    stamp_s: f64,
+    statistics: plp_servo_statistics,
+}
 
-/// An answer and its time stamp, as they are left aside.
-#[inline]
-fn to_words(felt: &plp_servo, stamp_s: f64) -> [u64; WORDS] {
-    // SAFETY: repr(C), doubles, a u64 and a pair of u32: as many words, none of them padding.
-    let felt: [u64; SERVO_WORDS] = unsafe { std::mem::transmute(*felt) };
-    std::array::from_fn(|i| felt.get(i).copied().unwrap_or(stamp_s.to_bits()))
+impl Said {
+    /// Before the first tick: nothing is felt, at no time.
+    fn nothing(statistics: plp_servo_statistics) -> Self {
+        Self { felt: NO_SERVO, stamp_s: f64::NAN, statistics }
+    }
+
+    #[inline]
+    fn words(&self) -> [u64; WORDS] {
+        // SAFETY: repr(C), fields of eight bytes and a pair of u32: as many words, none of them padding.
+        unsafe { std::mem::transmute(*self) }
+    }
+
+    fn of(words: [u64; WORDS]) -> Self {
+        // SAFETY: as above, the other way; any bits are valid in its fields.
+        unsafe { std::mem::transmute(words) }
+    }
 }
 
 /// The last answer, for a servo that finds its tool busy at `stamp_s`.
-fn still_felt(words: [u64; WORDS], stamp_s: f64) -> Option<plp_servo> {
-    let felt: [u64; SERVO_WORDS] = std::array::from_fn(|i| words[i]);
-    // SAFETY: as above, the other way; any bits are valid in its fields.
-    let felt: plp_servo = unsafe { std::mem::transmute(felt) };
+fn still_felt(said: &Said, stamp_s: f64) -> Option<plp_servo> {
     // A stamp that is no number, or of another clock, holds nothing.
-    let is_recent = (0.0..=BUSY_HOLD_S).contains(&(stamp_s - f64::from_bits(words[SERVO_WORDS])));
-    is_recent.then_some(plp_servo { flags: felt.flags | PLP_SERVO_HELD, ..felt })
+    let is_recent = (0.0..=BUSY_HOLD_S).contains(&(stamp_s - said.stamp_s));
+    is_recent.then_some(plp_servo { flags: said.felt.flags | PLP_SERVO_HELD, ..said.felt })
 }
 
 /// A motion that is none, which the servo answers with no force.
@@ -285,10 +299,24 @@ fn servo_out(exchange: &Exchange, age_s: f64, latency_s: f64) -> plp_servo {
     }
 }
 
-/// How a tool's servo loop is doing. Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is
-/// sizeof(plp_servo_statistics).
+#[inline]
+fn statistics_out(now: &ServoStatistics) -> plp_servo_statistics {
+    plp_servo_statistics {
+        tick_count: now.ticks,
+        pause_count: now.pauses,
+        energy_j: now.energy_j,
+        least_energy_j: now.least_energy_j,
+        average_force_n: now.average_force_n,
+        age_s: age_out(now.age_s),
+        latency_s: now.latency_s,
+        longest_latency_s: now.longest_latency_s,
+    }
+}
+
+/// How a tool's servo loop was doing at its last tick. Never enters the tool, so that it costs a servo nothing, whatever thread looks.
+/// Answers PLP_ERR_STATE for a tool without plp_tool_desc.haptic. statistics_size is sizeof(plp_servo_statistics).
 ///
-/// @thread port
+/// @thread any
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plp_tool_get_servo_statistics(
     tool: *const plp_tool,
@@ -296,24 +324,16 @@ pub unsafe extern "C" fn plp_tool_get_servo_statistics(
     statistics_size: u32,
 ) -> plp_status {
     boundary(|| {
-        let body = handle::hold(tool).map_err(handle::fault::<plp_tool>)?;
+        let aside = handle::aside(tool).map_err(handle::fault::<plp_tool>)?;
         check_output(statistics, statistics_size)?;
-        let now = body
-            .port
-            .servo_statistics()
-            .ok_or_else(|| Fault::new(PLP_ERR_STATE, "the tool was made without a haptic device"))?;
-        let now = plp_servo_statistics {
-            tick_count: now.ticks,
-            pause_count: now.pauses,
-            energy_j: now.energy_j,
-            least_energy_j: now.least_energy_j,
-            average_force_n: now.average_force_n,
-            age_s: age_out(now.age_s),
-            latency_s: now.latency_s,
-            longest_latency_s: now.longest_latency_s,
-        };
+        if aside.is_empty() {
+            return Err(Fault::new(PLP_ERR_STATE, "the tool was made without a haptic device"));
+        }
+        let words = aside
+            .get()
+            .ok_or_else(|| Fault::new(PLP_ERR_BUSY, "the servo went on faster than it could be read"))?;
         // SAFETY: checked above; the host offers `statistics_size` bytes.
-        unsafe { write_output(statistics, statistics_size, &now) };
+        unsafe { write_output(statistics, statistics_size, &Said::of(words).statistics) };
         Ok(PLP_OK)
     })
 }
@@ -401,7 +421,8 @@ mod tests {
         // As if the device had felt something.
         let force_n = [0.0, 0.0, 0.5];
         let held = handle::hold(tool).unwrap();
-        held.aside().put(&to_words(&plp_servo { force_n, ..first }, 7.0));
+        let statistics = Said::of(held.aside().get().unwrap()).statistics;
+        held.aside().put(&Said { felt: plp_servo { force_n, ..first }, stamp_s: 7.0, statistics }.words());
         for (stamp_s, expected) in [
             (7.001, plp_servo { force_n, ..kept }),
             (7.0099, plp_servo { force_n, ..kept }),
@@ -411,6 +432,12 @@ mod tests {
         ] {
             assert_eq!(tick(stamp_s), (PLP_ERR_BUSY, expected), "at {stamp_s}");
         }
+        // Who looks does not have to enter.
+        let mut seen = statistics;
+        let size = size_of::<plp_servo_statistics>() as u32;
+        // SAFETY: a living handle, and room for an answer.
+        assert_eq!(unsafe { plp_tool_get_servo_statistics(tool, &raw mut seen, size) }, PLP_OK);
+        assert_eq!(seen.tick_count, 1);
         drop(held);
         assert_eq!(tick(7.002).0, PLP_OK);
         // SAFETY: living handles.

@@ -393,7 +393,14 @@ __device__ __forceinline__ void resolve_few(const Work& w, const Points& all) {
     telling.tell(w, w.few.given, GROUPS, w.active);
 }
 
-// Any number of points: impulses go to the nodes, and from the nodes to the sites.
+// Sums over the eight threads of a group, whatever other groups of the warp do.
+__device__ __forceinline__ Vec group_sum(Vec v, uint32_t mask) {
+    for (int step = 1; step < LANES; step *= 2) v = v + Vec{__shfl_xor_sync(mask, v.x, step), __shfl_xor_sync(mask, v.y, step), __shfl_xor_sync(mask, v.z, step)};
+    return v;
+}
+
+// Any number of points: impulses go to the nodes, and from the nodes to the sites. A group of eight threads adds up what moves a node or a site; then each of
+// its threads cares for one of the sites.
 __device__ __forceinline__ void resolve_many(const Work& w) {
     __shared__ uint32_t moved;
     const uint32_t row = w.c.divides ? MAX_ROW : LANES;
@@ -431,9 +438,16 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
         if (lane > 0) continue;
         const float4 m = w.c.mobility[on];
         w.c.moved[n].y = count;
-        w.c.changes[on] = make_float4(0, 0, 0, reach * fmaxf(m.x, fmaxf(m.y, m.z)));
+        w.c.changes[on] = make_float4(__uint_as_float(n), 0, 0, reach * fmaxf(m.x, fmaxf(m.y, m.z)));
     }
     __syncthreads();
+    // Rows of active sites, by what their nodes are among those that move.
+#pragma unroll 1
+    for (uint32_t job = threadIdx.x; job < w.active * row; job += THREADS) {
+        const uint32_t at = job % row * MAX_SITES + w.sites.site[job / row], on = w.c.site_carriers[at].name;
+        const float weight = w.c.site_weights[at];
+        w.c.active_rows[job] = on != ~0u && weight != 0.0f ? Load{__float_as_uint(w.c.changes[on].x), weight} : Load{0, 0.0f};
+    }
 #pragma unroll 1
     for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
         const uint32_t site = w.sites.site[a];
@@ -450,58 +464,88 @@ __device__ __forceinline__ void resolve_many(const Work& w) {
             save(w, k, start_of(known));
             atomicMax(w.largest, __float_as_uint(fmaxf(known.mass * known.target, 0.0f)));
         }
-        w.c.impulses[a] = make_float4(0, 0, 0, 0);
     }
     __syncthreads();
+    // Impulses on active sites, and what they change of the nodes: in shared memory, where nothing else stands now, as far as they have room.
+    constexpr uint32_t ROOM = CONTACT_SHARED_BYTES / sizeof(Vec);
+    const bool fits = w.active + moved <= ROOM;
+    Vec* const impulses = fits ? reinterpret_cast<Vec*>(&w.few) : reinterpret_cast<Vec*>(w.c.impulses);
+    Vec* const changes = fits ? impulses + w.active : reinterpret_cast<Vec*>(w.c.changes);
+    for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) impulses[a] = {0, 0, 0};
+    // Where each thread has one site at most, with one point, it keeps what it knows of it.
+    const uint32_t own = lane * GROUPS + group;
+    const bool keeps = w.active <= THREADS && w.sites.first[w.active] == w.active;
+    Known known{};
+    Search search{};
+    if (keeps && own < w.active) {
+        known = known_of(w, own, w.points.at(BEFORE, own).w);
+        search = start_of(known);
+    }
     const float small = CONVERGED * __uint_as_float(*w.largest);
     bool is_last = false, is_done = false;
+    __syncthreads();
 #pragma unroll 1
     for (int iteration = 0;; ++iteration) {
 #pragma unroll 1
-        for (uint32_t n = threadIdx.x; n < moved; n += THREADS) {
-            const uint2 known = w.c.moved[n];
-            const uint32_t on = known.x;
+        for (uint32_t n = group; n < moved; n += GROUPS) {
+            const uint2 loaded = w.c.moved[n];
+            const uint32_t on = loaded.x;
             const Carrier carrier = w.c.carriers[on];
+            const float4 mobility = w.c.mobility[on];
             Vec sum{0, 0, 0};
 #pragma unroll 4
-            for (uint32_t e = 0; e < known.y; ++e) {
+            for (uint32_t e = lane; e < loaded.y; e += LANES) {
                 const Load load = w.c.active_loads[carrier.start + e];
-                sum = sum + vec(w.c.impulses[load.site]) * load.weight;
+                sum = sum + impulses[load.site] * load.weight;
             }
-            const Vec change = scaled(w.c.mobility[on], sum);
-            w.c.changes[on] = with(change, 0.0f);
+            const Vec change = scaled(mobility, group_sum(sum, mask));
+            if (lane > 0) continue;
+            changes[n] = change;
             if (is_done) kick(w, carrier.slot, velocity_of(w.pass, carrier.slot), w.pass.u_next[carrier.slot], change);
         }
-        if (is_done) return;
+        if (is_done) break;
         __syncthreads();
         float changed = 0.0f;
 #pragma unroll 1
-        for (uint32_t a = threadIdx.x; a < w.active; a += THREADS) {
-            const uint32_t site = w.sites.site[a];
-            Vec change{0, 0, 0}, sum{0, 0, 0};
+        for (uint32_t set = 0; set < w.active; set += THREADS) {
+            Vec change{0, 0, 0};
 #pragma unroll 4
-            for (uint32_t i = 0; i < row; ++i) {
-                const uint32_t on = w.c.site_carriers[i * MAX_SITES + site].name;
-                if (on != ~0u) change = change + vec(w.c.changes[on]) * w.c.site_weights[i * MAX_SITES + site];
+            for (uint32_t round = 0; round < LANES; ++round) {
+                const uint32_t a = set + round * GROUPS + group;
+                if (a >= w.active) break;
+                Vec sum{0, 0, 0};
+#pragma unroll
+                for (uint32_t first = 0; first < MAX_ROW; first += LANES) {
+                    if (first >= row) break;
+                    const Load load = w.c.active_rows[a * row + first + lane];
+                    sum = sum + changes[load.site] * load.weight;
+                }
+                sum = group_sum(sum, mask);
+                if (lane == round) change = sum;
             }
+            const uint32_t a = set + own;
+            if (a >= w.active) continue;
+            Vec impulse{0, 0, 0};
             for (uint32_t k = w.sites.first[a]; k < w.sites.first[a + 1]; ++k) {
-                const float4 normal = w.points.at(NORMAL, k), seen = w.points.at(BEFORE, k), j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k), way = w.points.at(WAY, k);
-                const Known known{vec(normal), normal.w, vec(seen), seen.w, w.tools[__float_as_uint(w.points.at(NAMES, k).x)].friction};
+                if (!keeps) {
+                    const float4 j = w.points.at(IMPULSE, k), l = w.points.at(LAST, k), way = w.points.at(WAY, k);
+                    known = known_of(w, k, w.points.at(BEFORE, k).w);
+                    search = {{j.w, vec(j)}, {l.w, vec(l)}, {way.w, vec(way)}, w.points.at(NAMES, k).w};
+                }
                 if (!known.is_movable()) continue;
-                Search search{{j.w, vec(j)}, {l.w, vec(l)}, {way.w, vec(way)}, w.points.at(NAMES, k).w};
                 // The last one's impulses are what was found, without momentum.
                 changed = fmaxf(changed, improve(known, change, is_last, search));
-                save(w, k, search);
-                sum = sum + impulse_of(known, search.now);
+                if (!keeps) save(w, k, search);
+                impulse = impulse + impulse_of(known, search.now);
             }
-            w.c.impulses[a] = with(sum, 0.0f);
+            impulses[a] = impulse;
         }
         const bool is_found = !__syncthreads_or(changed > small);
         is_done = is_last;
         is_last = is_found || iteration + 2 == ITERATIONS;
     }
+    if (keeps && own < w.active) save(w, own, search);
 }
-
 
 }  // namespace contact_kernel
 using namespace contact_kernel;
@@ -678,8 +722,8 @@ extern "C" __global__ void __launch_bounds__(THREADS)
         resolve_few(work, all);
     } else {
         resolve_many(work);
-        const Telling telling(work);
         __syncthreads();
+        const Telling telling(work);
 #pragma unroll 1
         for (uint32_t k = thread; k < count; k += THREADS) give(work, c.given, MAX_POINTS, k, all.at(IMPULSE, k));
         __syncthreads();

@@ -342,8 +342,9 @@ struct Contact {
     uint32_t* claimed;
     uint2* moved;
     float4* changes;
-    // Impulses on active sites, where they are many.
-    float4* impulses;  // [MAX_POINTS]
+    // Rows of active sites, by what their nodes are among those that move; impulses on them, where they are many.
+    Load* active_rows;  // [MAX_POINTS][MAX_ROW]
+    float4* impulses;   // [MAX_POINTS]
     // What points give to their tools: impulse, moment, work.
     double* given;  // [7][MAX_POINTS]
     float4* points;  // [POINT_FIELDS][MAX_POINTS]

@@ -63,6 +63,11 @@ pub struct ClosedLoop {
     pub age_max_ms: f64,
     pub fresh_per_s: f64,
     pub substeps: u32,
+    /// Steps of the physics, from being begun to their forces, and what the device worked for the last of them.
+    pub step_p50_us: f64,
+    pub step_p99_us: f64,
+    pub step_max_us: f64,
+    pub step_device_us: f64,
     pub rtf: f64,
     pub overruns: u64,
     pub dropped_s: f64,
@@ -96,6 +101,7 @@ impl Figure for ClosedLoop {
             "tick p50 / p999 µs",
             "age p50 / p99 / max ms",
             "fresh/s",
+            "step p50 / p99 / max µs",
             "RTF",
             "overruns, dropped s",
             "invalid, held, withdrawn",
@@ -117,6 +123,7 @@ impl Figure for ClosedLoop {
             list(&[self.tick_p50_us, self.tick_p999_us], 2),
             list(&[self.age_p50_ms, self.age_p99_ms, self.age_max_ms], 1),
             format!("{:.0}", self.fresh_per_s),
+            list(&[self.step_p50_us, self.step_p99_us, self.step_max_us], 0),
             format!("{:.2}", self.rtf),
             format!("{}, {:.2}", self.overruns, self.dropped_s),
             format!("{}, {}, {}", self.invalid_ticks, self.held_ticks, self.withdrawn_ticks),
@@ -170,7 +177,7 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
             figure.diverged_at_s = Some(time_s);
         }
     }
-    let statistics = sim.statistics();
+    let (statistics, latency) = (sim.statistics(), sim.latency());
     let own = port.servo_statistics().unwrap_or_default();
     if figure.peak_force_n == 0.0 {
         return Err(Error::argument("the tool touched nothing"));
@@ -180,6 +187,10 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
         nodes: model.lattice().node_count(),
         young_cap_pa: YOUNG_CAP_PA,
         seconds,
+        step_p50_us: latency.quantile_s(0.5) * 1e6,
+        step_p99_us: latency.quantile_s(0.99) * 1e6,
+        step_max_us: latency.max_s() * 1e6,
+        step_device_us: statistics.step_device_s * 1e6,
         rtf: statistics.time_s / (seconds + ENGAGES_S),
         substeps: statistics.substeps_per_step,
         overruns: statistics.overruns,

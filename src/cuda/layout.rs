@@ -364,6 +364,7 @@ pub struct Contact {
     pub claimed: CUdeviceptr,
     pub moved: CUdeviceptr,
     pub changes: CUdeviceptr,
+    pub active_rows: CUdeviceptr,
     pub impulses: CUdeviceptr,
     pub given: CUdeviceptr,
     pub points: CUdeviceptr,

@@ -57,7 +57,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Contact {
             vertices, triangles, first_triangle, divides, reach, rest, row_nodes, row_weights, corners, parts,
             triangle_edges, vertex_edges, near_bits, near, near_starts, divisions, counts, site_rest, site_own, site_edges, site_names, site_slots, site_weights, site_carriers,
-            site_coupled, couplings, carrier_at, carriers, mobility, loads, active_loads, claimed, moved, changes, impulses, given, points,
+            site_coupled, couplings, carrier_at, carriers, mobility, loads, active_loads, claimed, moved, changes, active_rows, impulses, given, points,
             sums, touched
         }
         Moment { from, to, is_first, tissue_moves, is_last }

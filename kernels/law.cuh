@@ -13,6 +13,13 @@ inline float rsqrtf(float x) { return 1.0f / std::sqrt(x); }
 // 1 - L / |l| from |l|^2 = `length2`, for the rest length `rest`. In single precision the strain is right to about 1e-7.
 PLP_LAW float elongation(float length2, float rest) { return 1.0f - rest * rsqrtf(length2); }
 
+// Damping in N s / m of each node of a piece of `share` of a cell against the mean of all eight, by the cell's spring constant and the mass of its corner.
+PLP_LAW float sliver_damping(float spring, float corner, float share) {
+    constexpr float SLIVER = 0.1f, RATE = 0.2f;
+    const float thin = fmaxf(1.0f - share * (1.0f / SLIVER), 0.0f);
+    return RATE * sqrtf(spring * corner) * share * (thin * thin);
+}
+
 // a d - b c.
 PLP_LAW float minor(float a, float d, float b, float c) { return a * d - b * c; }
 

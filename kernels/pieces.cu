@@ -72,6 +72,11 @@ extern "C" __global__ void __launch_bounds__(THREADS) pieces(const __grid_consta
     spring<6>(u, v, corner, k, kb, h, force, seen[0]);
     spring<7>(u, v, corner, k, kb, h, force, seen[0]);
 
+    const float damping = sliver_damping(law.spring, law.corner, piece.volume);
+    Vec mean = v;
+    for (int corners = 1; corners < 8; corners *= 2) mean = mean + across(mean, corners);
+    force = force - (v - mean * 0.125f) * damping;
+
     const float quarter = 0.25f / h;
     float g[9], cof[9];
     for (int axis = 0; axis < 3; ++axis) {

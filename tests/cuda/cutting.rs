@@ -42,19 +42,24 @@ fn cases() -> [Case; 3] {
     [lattice, double, single]
 }
 
-/// What acts on all blocks, in m/s².
-const GRAVITY: [f64; 3] = [4.0, -2.0, -8.0];
+/// What acts on blocks, in m/s²: it pulls the sides of cuts apart, ...
+const PULLS: [f64; 3] = [-4.0, 2.0, 8.0];
+/// ... or makes them lie on each other. A side is stopped where it would go on through the other, and rounding decides in which substep that is: for so long one
+/// backend's side goes on and the other's does not.
+const PRESSES: [f64; 3] = [4.0, -2.0, -8.0];
+/// Relative differences of displacements and of velocities by that.
+const SAME_SIDES: [f64; 2] = [1e-3, 1e-2];
 
 /// Implicit steps are long.
 fn step_s(method: Method) -> f64 {
     if method == Method::Lattice { 1e-3 } else { 4e-3 }
 }
 
-/// Gravity acts, and there is room for cuts.
+/// Something pulls, and there is room for cuts.
 fn desc_of(method: Method, backend: Backend, precision: Precision) -> SimDesc {
     SimDesc {
         method,
-        gravity_m_s2: GRAVITY.into(),
+        gravity_m_s2: PULLS.into(),
         drag_per_s: 0.0,
         step_s: step_s(method),
         // The same before and after a cut, for which the stable substep gets shorter.
@@ -150,8 +155,46 @@ fn tissue_cut_on_a_gpu_moves_as_on_the_processor() {
         assert!(divided > 99, "{what}: {divided}");
         assert_eq!(sims[1].parts().len(), 2, "{what}");
         let [cpu, gpu, _] = sims.each_ref().map(Sim::statistics);
-        assert!((cpu.max_strain - gpu.max_strain).abs() < 1e-3 * cpu.max_strain, "{what}: {cpu:?} {gpu:?}");
+        // Displacements are rounded by so much of a cell, the more the farther what was cut off has gone; a strain takes a few of them.
+        let ulp = if case.precision == Precision::Single { f64::from(f32::EPSILON) } else { f64::EPSILON };
+        let rounded = 8.0 * ulp * peaks[0] / CELL_M;
+        let off = (cpu.max_strain - gpu.max_strain).abs();
+        assert!(off < 1e-3 * cpu.max_strain + rounded, "{what}: {cpu:?} {gpu:?}");
         assert!((cpu.volume_ratio[0] - gpu.volume_ratio[0]).abs() < 1e-4, "{what}: {cpu:?} {gpu:?}");
+    }
+}
+
+#[test]
+fn tissue_cut_on_a_gpu_lies_on_itself_as_on_the_processor() {
+    if !has_gpu("tissue_cut_on_a_gpu_lies_on_itself_as_on_the_processor") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 1e-4);
+        let exact = match case.method {
+            Method::Lattice => Method::Lattice,
+            Method::Efg(desc) => Method::Efg(EfgDesc { tolerance: 1e-12, ..desc }),
+        };
+        let pressed = |method, backend, precision| {
+            let desc = SimDesc { gravity_m_s2: PRESSES.into(), ..desc_of(method, backend, precision) };
+            Sim::new(model.clone(), &desc).unwrap()
+        };
+        let gpu = || pressed(case.method, GPU, case.precision);
+        let mut sims = [pressed(exact, Backend::Cpu, Precision::Double), gpu(), gpu()];
+        let what = format!("{} {:?}, pressed", name(case.method), case.precision);
+        let mut peaks = [0.0; 2];
+        sims.iter_mut().for_each(|sim| assert!(slit(sim, 12.0, -2.0, 3.2) >= 99));
+        for step in 0..30 {
+            sims.iter_mut().for_each(|sim| sim.step().unwrap());
+            if step > 4 {
+                compare(&sims, &mut peaks, SAME_SIDES, &format!("{what}, step {step}"));
+            }
+        }
+        // The upper part may slide, but does not go on through the lower one.
+        let [a, b] = [0, 1].map(|part| sims[1].parts()[part].velocity_m_s);
+        let down = model.frame() * Vec3::z();
+        let fallen = down.dot(&Vec3::from(PRESSES)) * 30.0 * step_s(case.method);
+        assert!(down.dot(&(a - b)).abs() < 0.5 * fallen.abs(), "{what}: {a:?} {b:?}");
     }
 }
 
@@ -166,10 +209,7 @@ fn what_is_cut_off_on_a_gpu_falls_and_nothing_else_acts_on_it() {
     }
     for case in cases() {
         let model = block_of(CELLS, 0.45, 0.0);
-        // Up, so that it does not rest on what is below.
-        let gravity_m_s2 = -Vec3::from(GRAVITY);
-        let desc = SimDesc { gravity_m_s2, ..desc_of(case.method, GPU, case.precision) };
-        let mut sim = Sim::new(model.clone(), &desc).unwrap();
+        let mut sim = simulation(&model, case.method, GPU, case.precision);
         (0..10).for_each(|_| sim.step().unwrap());
         assert!(slit(&mut sim, 12.0, -2.0, 3.2) >= 99);
         let parts = sim.parts();
@@ -179,7 +219,7 @@ fn what_is_cut_off_on_a_gpu_falls_and_nothing_else_acts_on_it() {
         assert!((volume / expected - 1.0).abs() < EXACT && (mass / expected / 1000.0 - 1.0).abs() < EXACT);
         let free = parts.iter().position(|part| !part.is_held).expect("what was cut off is free");
         assert_eq!((parts.len(), parts[1 - free].is_held), (2, true));
-        let gained = gravity_m_s2 * step_s(case.method);
+        let gained = Vec3::from(PULLS) * step_s(case.method);
         for _ in 0..30 {
             let before = sim.parts()[free].velocity_m_s;
             sim.step().unwrap();
@@ -271,8 +311,11 @@ fn a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor() {
             assert!(off < SAME_TIP_FORCE * moved, "{what}, step {step}: {off:e} m");
         }
         assert!(force > 0.01 && apart < SAME_TIP_FORCE * force, "{what}: {apart:e} N of {force:e} N");
-        let touched = [0, 1].map(|i| sims[i].contacts(tools[i].id()).unwrap().len());
-        assert!(touched[0] > 0 && touched[0] == touched[1], "{what}: {touched:?}");
+        // Points at the rim are in the tool or not by less than what both agree on.
+        let touched = [0, 1].map(|i| sims[i].contacts(tools[i].id()).unwrap());
+        let rim = SAME_TIP_FORCE * largest(&sims[0].nodes(NodeField::Displacement));
+        let deep = touched.each_ref().map(|all| all.iter().filter(|point| point.depth_m > rim).count());
+        assert!(deep[0] > 0 && deep.into_iter().zip([1, 0]).all(|(deep, other)| deep <= touched[other].len()), "{what}: {deep:?}");
         // And whole again.
         sims.iter_mut().for_each(Sim::reset);
         let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
@@ -306,7 +349,9 @@ fn a_blade_on_a_gpu_meets_the_toughness_that_it_meets_on_the_processor() {
             force = force.max(a.norm());
             apart = apart.max((a - b).norm());
             if step > 20 {
-                compare(&sims, &mut peaks, case.same, &format!("{what}, blade, step {step}"));
+                // Tools are in single precision there, whatever the tissue is in.
+                let same = case.same.map(|same| same.max(SAME_MOTION));
+                compare(&sims, &mut peaks, same, &format!("{what}, blade, step {step}"));
             }
         }
         println!("{what}: {apart:e} N of {force:e} N");

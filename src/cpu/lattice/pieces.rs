@@ -12,7 +12,7 @@ use super::LawTables;
 use crate::cut::topology::Topology;
 use crate::math::Num;
 use crate::model::lattice::BRICK_SLOTS;
-use crate::model::law::{SpringClass, squared_change, volume_change};
+use crate::model::law::{SpringClass, sliver_damping, squared_change, volume_change};
 
 /// A piece and the slots of its nodes.
 #[derive(Clone, Copy, Debug)]
@@ -188,9 +188,7 @@ impl<R: Real> Pieces<R> {
             let nodes = &self.pieces[piece].nodes;
             // SAFETY: as the caller promises.
             let read = |field: *const Octet<R>| nodes.map(|slot| unsafe { vector(field, slot) });
-            let still = [[R::default(); 3]; 8];
-            let given =
-                self.pieces[piece].give(laws, &classes, &read(u), &if laws.damped { read(v) } else { still });
+            let given = self.pieces[piece].give(laws, &classes, &read(u), &read(v));
             // SAFETY: as the caller promises.
             unsafe { *self.given[piece].get() = given };
         }
@@ -250,6 +248,15 @@ impl<R: Real> Piece<R> {
                 for c in 0..3 {
                     given.forces[a][c] = pull.fma(way[c], given.forces[a][c]);
                     given.forces[b][c] = given.forces[b][c].sub(pull.mul(way[c]));
+                }
+            }
+        }
+        let damping = sliver_damping(laws.spring[material], laws.corner[material], self.volume);
+        if damping.to_f64() > 0.0 {
+            for c in 0..3 {
+                let mean = v.iter().map(|v| v[c]).fold(R::default(), Num::add).mul(R::splat(0.125));
+                for (force, v) in given.forces.iter_mut().zip(v) {
+                    force[c] = force[c].sub(damping.mul(v[c].sub(mean)));
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Springs and volumes.
 
 use super::{Case, Laws, rounded};
-use crate::model::law::{SpringClass, volume_change};
+use crate::model::law::{SpringClass, sliver_damping, volume_change};
 use crate::noise::Noise;
 
 /// From strains that single precision hardly sees to large ones.
@@ -38,6 +38,32 @@ fn springs_stretch_as_on_the_processor() {
     cases.extend([0.0, rest * rest, 1.0, 1e8].map(|length2| case(1, rest, length2)));
     assert_eq!(cases[cases.len() - 4].expected, [f64::NEG_INFINITY]);
     laws.check("float elongation", &cases);
+}
+
+#[test]
+fn slivers_are_damped_as_on_the_processor() {
+    let Some(laws) = Laws::compiled() else { return };
+    let mut noise = Noise(4);
+    let case = |spring: f32, corner: f32, share: f32| {
+        let [k, m, share64] = [spring, corner, share].map(f64::from);
+        // What is left of one without a tenth of itself is rounded as one is; then a root and products.
+        let most = 0.2 * (k * m).sqrt() * share64;
+        Case {
+            input: vec![spring, corner, share],
+            expected: [sliver_damping(k, m, share64)],
+            tolerance: [rounded(12, most)],
+        }
+    };
+    let mut cases: Vec<_> = (0..500)
+        .map(|_| {
+            let [k, m, share] = [(); 3].map(|()| 0.5 + 0.5 * noise.next());
+            case((10.0 * k) as f32, (1e-6 * m) as f32, (0.15 * share) as f32)
+        })
+        .collect();
+    // Bone has no springs; a whole cell is no sliver.
+    cases.extend([case(0.0, 1e-6, 0.01), case(4.0, 1e-6, 1.0), case(4.0, 1e-6, 0.0)]);
+    assert!(cases[500..].iter().all(|case| case.expected == [0.0]));
+    laws.check("float sliver_damping", &cases);
 }
 
 #[test]

@@ -17,6 +17,8 @@ mod blade;
 mod opening;
 #[path = "cutting/random.rs"]
 mod random;
+#[path = "cutting/removal.rs"]
+mod removal;
 #[path = "cutting/surface.rs"]
 mod surface;
 

@@ -594,6 +594,9 @@ typedef struct {
     /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
     /// cut. A cut whose cells fall into more pieces than that is refused too.
     uint64_t cut_nodes;
+    /// Parts that a cut severs, that nothing holds, and that are smaller than so many cells of the grid are removed with the cut, 0 to 1000; with 0 all stay. 1 (default) is what the grid resolves.
+    /// plp_statistics.removed_kg counts them.
+    double least_part_cells;
 } plp_sim_desc;
 
 /// A load that acts until it is removed. Fill it with plp_load_init (or plp_load_default), then set what its
@@ -691,6 +694,31 @@ typedef struct {
     uint64_t tool_id;
 } plp_event;
 
+/// A shape of a tool. Sizes lie between 1e-5 m and 1 m.
+typedef struct {
+    /// PLP_SHAPE_SPHERE, PLP_SHAPE_CAPSULE or PLP_SHAPE_BOX.
+    uint32_t kind;
+    /// Must be 0.
+    uint32_t reserved;
+    /// The shape's place in the tool's frame.
+    plp_pose pose;
+    /// SPHERE, CAPSULE: the radius in metres. BOX: the radius of its edges, above 0 and at most the smallest
+    /// half extent.
+    double radius_m;
+    /// CAPSULE: half the length of the swept segment in metres, caps not counted.
+    double half_length_m;
+    /// BOX: half the edge lengths in metres, rounding included.
+    double half_extents_m[3];
+} plp_tool_part;
+
+/// How much tissue was removed.
+typedef struct {
+    /// Its volume at rest in m^3.
+    double volume_m3;
+    /// Its mass in kg.
+    double mass_kg;
+} plp_removed;
+
 /// A part of the tissue that hangs together.
 typedef struct {
     /// Its volume at rest in m^3.
@@ -701,8 +729,8 @@ typedef struct {
     double velocity_m_s[3];
     /// 1 where nodes of it are held, along all axes; otherwise 0.
     uint32_t is_held;
-    /// 0.
-    uint32_t reserved;
+    /// Names it for plp_sim_remove_part. A part that is cut further leaves its name to one of what it becomes.
+    uint32_t id;
 } plp_part;
 
 /// How a simulation is doing.
@@ -770,6 +798,10 @@ typedef struct {
     uint64_t divided_cell_count;
     /// Copies of nodes that cuts have made, of the room of plp_sim_desc.cut_nodes.
     uint64_t copy_count;
+    /// Volume at rest of the tissue that was removed since the last reset, in m^3: what is left of the parts and this is what the model had.
+    double removed_m3;
+    /// Mass of that tissue in kg.
+    double removed_kg;
 } plp_statistics;
 
 /// How long the steps of a simulation took, from the call until the forces could be read. Quantiles are the ends of buckets: up
@@ -801,23 +833,6 @@ typedef struct {
     /// Work that tools have done on the tissue since creation.
     double tool_work_j;
 } plp_energy;
-
-/// A shape of a tool. Sizes lie between 1e-5 m and 1 m.
-typedef struct {
-    /// PLP_SHAPE_SPHERE, PLP_SHAPE_CAPSULE or PLP_SHAPE_BOX.
-    uint32_t kind;
-    /// Must be 0.
-    uint32_t reserved;
-    /// The shape's place in the tool's frame.
-    plp_pose pose;
-    /// SPHERE, CAPSULE: the radius in metres. BOX: the radius of its edges, above 0 and at most the smallest
-    /// half extent.
-    double radius_m;
-    /// CAPSULE: half the length of the swept segment in metres, caps not counted.
-    double half_length_m;
-    /// BOX: half the edge lengths in metres, rounding included.
-    double half_extents_m[3];
-} plp_tool_part;
 
 /// What a haptic device can bear, and how it holds its tool. Defaults are those of a 3D Systems Touch, the former Phantom Omni; fill it with
 /// plp_haptic_desc_init (or plp_haptic_desc_default), then say what yours can.
@@ -1365,6 +1380,26 @@ plp_status plp_sim_cut(plp_sim *sim,
                        const double *to_m,
                        uint32_t point_count,
                        uint64_t *cell_count);
+
+/// Removes the soft tissue in a shape, where it is now: the nodes in the shape, with all that lies between them and the shape's surface. The shape's pose is that in the world. The hole has walls as a cut has, and what stays
+/// keeps its mass, place and velocity. How much that was goes to removed (@nullable removed): nothing where the shape holds no such node. Rigid tissue stays, with what is next to it, a thousandth of a cell. plp_sim_reset
+/// brings all tissue back.
+///
+/// Answers PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0 and PLP_ERR_LIMIT where the room is spent: nothing is removed then.
+///
+/// @thread owner
+plp_status plp_sim_ablate(plp_sim *sim,
+                          const plp_tool_part *shape,
+                          plp_removed *removed);
+
+/// Removes a part by its id, all of it, bone and held tissue too. How much that was goes to removed (@nullable removed).
+///
+/// Answers PLP_ERR_ARGUMENT where there is no part of that id, and PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0.
+///
+/// @thread owner
+plp_status plp_sim_remove_part(plp_sim *sim,
+                               uint32_t id,
+                               plp_removed *removed);
 
 /// The parts that cuts have left, the largest first. Writes at most `capacity` of them and the number of all to part_count; answers PLP_TRUNCATED where capacity is less. parts may be
 /// NULL with a capacity of 0 (@nullable parts).

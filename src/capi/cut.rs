@@ -1,11 +1,13 @@
-//! Cutting: by hand along a way, and what is left.
+//! Cutting: by hand along a way, by removing tissue, and what is left.
 
 use super::boundary::{boundary, read_list};
 use super::convert::vector;
 use super::sim::{with_sim, write_list};
 use super::status::{Fault, PLP_OK, plp_status};
+use super::tool::shape_of;
 use super::types::*;
 use crate::math::Vec3;
+use crate::sim::Removed;
 
 /// Most points of a polyline.
 const MAX_POINTS: u32 = 4096;
@@ -40,6 +42,64 @@ pub unsafe extern "C" fn plp_sim_cut(
     })
 }
 
+/// Removes the soft tissue in a shape, where it is now: the nodes in the shape, with all that lies between them and the shape's surface. The shape's pose is that in the world. The hole has walls as a cut has, and what stays
+/// keeps its mass, place and velocity. How much that was goes to removed (@nullable removed): nothing where the shape holds no such node. Rigid tissue stays, with what is next to it, a thousandth of a cell. plp_sim_reset
+/// brings all tissue back.
+///
+/// Answers PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0 and PLP_ERR_LIMIT where the room is spent: nothing is removed then.
+///
+/// @thread owner
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_sim_ablate(
+    sim: *mut plp_sim,
+    shape: *const plp_tool_part,
+    removed: *mut plp_removed,
+) -> plp_status {
+    boundary(|| {
+        with_sim(sim, |body| {
+            // SAFETY: the host passes a shape.
+            let part = unsafe { read_list(shape, 1, "shape") }?[0];
+            let (pose, shape) = shape_of(&part, "shape")?;
+            let gone = body.sim.ablate(&shape, &pose)?;
+            // SAFETY: the host offers room for an answer, or NULL.
+            unsafe { tell(gone, removed) };
+            Ok(PLP_OK)
+        })
+    })
+}
+
+/// Removes a part by its id, all of it, bone and held tissue too. How much that was goes to removed (@nullable removed).
+///
+/// Answers PLP_ERR_ARGUMENT where there is no part of that id, and PLP_ERR_STATE where plp_sim_desc.cut_nodes is 0.
+///
+/// @thread owner
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn plp_sim_remove_part(
+    sim: *mut plp_sim,
+    id: u32,
+    removed: *mut plp_removed,
+) -> plp_status {
+    boundary(|| {
+        with_sim(sim, |body| {
+            let gone = body.sim.remove_part(id)?;
+            // SAFETY: the host offers room for an answer, or NULL.
+            unsafe { tell(gone, removed) };
+            Ok(PLP_OK)
+        })
+    })
+}
+
+/// Tells how much was removed.
+///
+/// # Safety
+/// `to` is NULL or leads to room for it.
+unsafe fn tell(gone: Removed, to: *mut plp_removed) {
+    if !to.is_null() {
+        // SAFETY: as the caller promises.
+        unsafe { to.write_unaligned(plp_removed { volume_m3: gone.volume_m3, mass_kg: gone.mass_kg }) };
+    }
+}
+
 /// The parts that cuts have left, the largest first. Writes at most `capacity` of them and the number of all to part_count; answers PLP_TRUNCATED where capacity is less. parts may be
 /// NULL with a capacity of 0 (@nullable parts).
 ///
@@ -62,7 +122,7 @@ pub unsafe extern "C" fn plp_sim_get_parts(
                     mass_kg: part.mass_kg,
                     velocity_m_s: part.velocity_m_s.into(),
                     is_held: u32::from(part.is_held),
-                    reserved: 0,
+                    id: part.id,
                 })
                 .collect();
             // SAFETY: the host offers `capacity` parts and room for a count.

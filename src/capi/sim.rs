@@ -528,6 +528,7 @@ fn settings_of(desc: &plp_sim_desc) -> Result<SimDesc, Fault> {
         drag_per_s: desc.drag_per_s,
         sleeping: desc.flags & PLP_SIM_SLEEPING != 0,
         cut_nodes: usize::try_from(desc.cut_nodes).unwrap_or(usize::MAX),
+        least_part_cells: desc.least_part_cells,
     })
 }
 

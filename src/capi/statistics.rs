@@ -48,6 +48,8 @@ pub unsafe extern "C" fn plp_sim_get_statistics(
                 cut_wall_s: now.cut_wall_s,
                 divided_cell_count: now.divided_cells,
                 copy_count: now.copies,
+                removed_m3: now.removed_m3,
+                removed_kg: now.removed_kg,
             };
             // SAFETY: checked above; the host offers `statistics_size` bytes.
             unsafe { write_output(statistics, statistics_size, &now) };

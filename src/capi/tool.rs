@@ -365,27 +365,25 @@ unsafe fn desc_of(desc: &plp_tool_desc) -> Result<ToolDesc, Fault> {
     }
     // SAFETY: promised by the caller.
     let parts = unsafe { read_list(desc.parts, count, "parts") }?;
-    let parts = parts.iter().enumerate().map(|(i, part)| {
-        let what = format!("parts[{i}]");
-        check_bits(part.reserved, 0, &format!("{what}.reserved"))?;
-        let shape = match part.kind {
-            PLP_SHAPE_SPHERE => Shape::Sphere { radius_m: part.radius_m },
-            PLP_SHAPE_CAPSULE => {
-                Shape::Capsule { radius_m: part.radius_m, half_length_m: part.half_length_m }
-            }
-            PLP_SHAPE_BOX => {
-                Shape::Box { half_extents_m: part.half_extents_m.into(), rounding_m: part.radius_m }
-            }
-            other => return Err(Fault::argument(format!("{what}: kind {other} is no PLP_SHAPE_ value"))),
-        };
-        Ok((pose(&part.pose, &what)?, shape))
-    });
+    let parts = parts.iter().enumerate().map(|(i, part)| shape_of(part, &format!("parts[{i}]")));
     // SAFETY: promised by the caller.
     let blade =
         (!desc.blade.is_null()).then(|| unsafe { blade_of(&desc.blade.read_unaligned()) }).transpose()?;
     let desc = ToolDesc { parts: parts.collect::<Result<_, Fault>>()?, friction: desc.friction, blade };
     desc.check()?;
     Ok(desc)
+}
+
+/// A shape and its pose.
+pub(super) fn shape_of(part: &plp_tool_part, what: &str) -> Result<(Pose, Shape), Fault> {
+    check_bits(part.reserved, 0, &format!("{what}.reserved"))?;
+    let shape = match part.kind {
+        PLP_SHAPE_SPHERE => Shape::Sphere { radius_m: part.radius_m },
+        PLP_SHAPE_CAPSULE => Shape::Capsule { radius_m: part.radius_m, half_length_m: part.half_length_m },
+        PLP_SHAPE_BOX => Shape::Box { half_extents_m: part.half_extents_m.into(), rounding_m: part.radius_m },
+        other => return Err(Fault::argument(format!("{what}: kind {other} is no PLP_SHAPE_ value"))),
+    };
+    Ok((pose(&part.pose, what)?, shape))
 }
 
 /// # Safety

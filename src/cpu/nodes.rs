@@ -188,7 +188,7 @@ impl Bricks {
         *self = Self::new(self.model.clone(), loose);
     }
 
-    /// Divides cells: they are no brick's own any more, and nodes weigh what the pieces of all divided cells do.
+    /// Divides and removes cells: they are no brick's own any more, and nodes weigh what is left of all pieces.
     pub fn divide(&mut self, topology: &Topology, change: &Change) {
         for birth in &change.births {
             self.hold(birth.slot);
@@ -196,16 +196,16 @@ impl Bricks {
         let lattice = self.model.lattice();
         let cut =
             self.cut.get_or_insert_with(|| Cut { words: lattice.words().to_vec(), shares: HashMap::new() });
-        for &cell in &change.cells {
+        for cell in change.reshaped() {
             self.cells[cell as usize] = 0;
             for (corner, slot) in lattice.corners(lattice.node_of(cell)).into_iter().enumerate() {
                 cut.words[slot as usize] &= !(15 << (4 * (7 - corner)));
             }
         }
         cut.shares.clear();
-        for (_, cell) in topology.cells() {
-            for (hung, slot) in cell.pieces.iter().flat_map(|hung| hung.nodes.map(|slot| (hung, slot))) {
-                cut.shares.entry(slot).or_default().push((cell.material, hung.piece.volume));
+        for (material, hung) in topology.pieces() {
+            for slot in hung.nodes {
+                cut.shares.entry(slot).or_default().push((material, hung.piece.volume));
             }
         }
     }

@@ -60,7 +60,7 @@ impl Cutter {
             change.births.iter().map(|birth| Birth { slot: birth.slot, from: birth.from }).collect();
         let lattice = body.bricks.model.lattice();
         let corners: BTreeSet<u32> =
-            change.cells.iter().flat_map(|&cell| lattice.corners(lattice.node_of(cell))).collect();
+            change.reshaped().flat_map(|cell| lattice.corners(lattice.node_of(cell))).collect();
         let reworded: Vec<Reworded> =
             corners.into_iter().map(|slot| Reworded { slot, word: body.bricks.word(slot) }).collect();
         self.born.replace(&born)?;

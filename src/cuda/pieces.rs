@@ -67,13 +67,11 @@ impl Pieces {
     /// Takes over those of a topology.
     pub fn take(&mut self, topology: &Topology, body: &Body) -> Result<()> {
         self.pieces.clear();
-        for (_, cell) in topology.cells() {
-            self.pieces.extend(cell.pieces.iter().map(|hung| Piece {
-                nodes: hung.nodes,
-                material: cell.material.into(),
-                volume: hung.piece.volume as f32,
-            }));
-        }
+        self.pieces.extend(topology.pieces().map(|(material, hung)| Piece {
+            nodes: hung.nodes,
+            material: material.into(),
+            volume: hung.piece.volume as f32,
+        }));
         let bricks = body.bricks.count();
         self.places = Places::of(self.pieces.iter().map(|piece| piece.nodes), bricks);
         // The empty brick has no place either.

@@ -38,7 +38,8 @@ impl Facing {
         let mut all = Vec::new();
         for (slot, cell) in topology.cells() {
             let mut pairs: Vec<[usize; 2]> = Vec::new();
-            for wall in &cell.walls {
+            let is_left = |&piece: &usize| topology.is_left(&cell.pieces[piece]);
+            for wall in cell.walls.iter().filter(|wall| wall.pieces.iter().all(is_left)) {
                 if !pairs.contains(&wall.pieces) {
                     pairs.push(wall.pieces);
                 }

@@ -8,6 +8,7 @@ pub mod extents;
 pub mod facing;
 pub mod inside;
 pub mod margin;
+pub mod region;
 pub mod surface;
 pub mod sweep;
 pub mod topology;

@@ -5,7 +5,11 @@
 //! cells share its four nodes where they share a corner on it. So each side of a cut keeps the stiffness and the mass of its volume, which change with
 //! the place of the cut without a jump; an undivided cell never hangs on a copy.
 
-use std::collections::{BTreeSet, HashMap};
+mod removal;
+
+pub use self::removal::{neighbours, own_nodes};
+
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use super::cell::{Crossings, EDGES, Partition, Piece, Wall, divide};
 use crate::error::{Error, Result};
@@ -71,6 +75,17 @@ pub struct Change {
     pub rehung: Vec<u32>,
     /// New nodes, ascending.
     pub births: Vec<Birth>,
+    /// Nodes of the lattice whose tissue was removed, ascending.
+    pub removed: Vec<u32>,
+    /// Cells that lost tissue by that, wholly or in part, ascending.
+    pub emptied: Vec<u32>,
+}
+
+impl Change {
+    /// Cells that have other pieces than before: divided, or less of them.
+    pub fn reshaped(&self) -> impl Iterator<Item = u32> {
+        self.cells.iter().chain(&self.emptied).copied()
+    }
 }
 
 /// What cuts have made of a lattice so far.
@@ -80,6 +95,8 @@ pub struct Topology {
     cells: HashMap<u32, DividedCell>,
     /// The node that each copy is one of, by its slot in the lattice.
     copies: Vec<u32>,
+    /// Nodes of the lattice whose tissue was removed. A piece is gone with any of its own corners: cuts part what is removed from all else, so that they go together.
+    removed: HashSet<u32>,
     first_copy: u32,
     capacity: usize,
     version: u64,
@@ -109,6 +126,7 @@ impl Topology {
             crossings: HashMap::new(),
             cells: HashMap::new(),
             copies: Vec::new(),
+            removed: HashSet::new(),
             first_copy,
             capacity,
             version: 0,
@@ -132,6 +150,23 @@ impl Topology {
         cells
     }
 
+    /// The pieces of divided cells that are left, and their materials, by cells ascending.
+    pub fn pieces(&self) -> impl Iterator<Item = (u8, HungPiece)> {
+        let left = |cell: &DividedCell| -> Vec<(u8, HungPiece)> {
+            cell.pieces.iter().filter(|hung| self.is_left(hung)).map(|&hung| (cell.material, hung)).collect()
+        };
+        self.cells().into_iter().flat_map(move |(_, cell)| left(cell))
+    }
+
+    /// What is left of a cell by the slot of its lowest corner: all of it as one piece where it is not divided.
+    pub fn left_of(&self, lattice: &Lattice, cell: u32) -> Vec<HungPiece> {
+        let all = match self.cells.get(&cell) {
+            Some(divided) => divided.pieces.clone(),
+            None => vec![whole(lattice.corners(lattice.node_of(cell)))],
+        };
+        all.into_iter().filter(|hung| self.is_left(hung)).collect()
+    }
+
     /// How many cells are divided.
     pub fn cell_count(&self) -> usize {
         self.cells.len()
@@ -152,17 +187,19 @@ impl Topology {
         if slot < self.first_copy { slot } else { self.copies[(slot - self.first_copy) as usize] }
     }
 
-    /// Whether there is tissue along an edge, not cut yet, and all of it of materials that are soft.
+    /// Whether there is tissue along an edge, not cut and not removed yet, and all of it of materials that are soft.
     pub fn can_cut(&self, lattice: &Lattice, edge: LatticeEdge, is_soft: impl Fn(u8) -> bool) -> bool {
         let mut around = cells_around(lattice, lattice.node_of(edge.slot))
             .filter(|(_, corner)| corner >> edge.axis & 1 == 0)
             .map(|(cell, _)| lattice.cell_material(lattice.node_of(cell)))
             .peekable();
-        !self.crossings.contains_key(&edge) && around.peek().is_some() && around.all(is_soft)
+        // What was removed is cut off: an edge that is not cut has both ends there, or none.
+        let is_there = !self.crossings.contains_key(&edge) && !self.removed.contains(&edge.slot);
+        is_there && around.peek().is_some() && around.all(is_soft)
     }
 
     /// Flags of a copy, by those of the lattice's own slots: it is held as the node is along the axes along which one of its pieces has a corner of its own
-    /// that is held, and by no tool. What was cut off from what is held is free.
+    /// that is held, and by no tool. What was cut off from what is held is free, and what was removed moves no more.
     pub fn flags_of(&self, lattice: &Lattice, copy: u32, flags: &[u8]) -> u8 {
         let node = self.origin(copy);
         let mut held = 0;
@@ -170,6 +207,9 @@ impl Topology {
             let own = lattice.corners(lattice.node_of(cell));
             let pieces = self.cells.get(&cell).into_iter().flat_map(|cell| &cell.pieces);
             for hung in pieces.filter(|hung| hung.nodes[corner] == copy) {
+                if !self.is_left(hung) {
+                    return flag::FIX_ALL;
+                }
                 let corners = (0..8).filter(|c| hung.piece.corners >> c & 1 != 0);
                 held |= corners.fold(0, |held, c| held | flags[own[c] as usize]);
             }
@@ -225,8 +265,8 @@ impl Topology {
         let mut change = Change {
             edges: new.keys().copied().collect(),
             cells: divided.keys().copied().collect(),
-            rehung: Vec::new(),
             births,
+            ..Change::default()
         };
         change.edges.sort_unstable();
         change.cells.sort_unstable();
@@ -265,6 +305,7 @@ impl Topology {
             });
             if let Some(mut partition) = divide(&crossings) {
                 keep_volumes(&mut partition.pieces);
+                self.keep_left(cell, corners, &mut partition.pieces);
                 divided.insert(cell, (lattice.cell_material(at), partition));
             }
         }
@@ -673,6 +714,42 @@ mod tests {
         let version = topology.version();
         assert_eq!(topology.cut(&lattice, &all).unwrap(), Change::default());
         assert_eq!(topology.version(), version);
+    }
+
+    #[test]
+    fn random_cuts_and_removals_lose_nothing_but_what_is_removed() {
+        let (mut noise, lattice) = (Noise(91), ragged());
+        let size = Vec3::from(lattice.cells().map(|n| n as f64));
+        for _ in 0..20 {
+            let mut topology = topology(&lattice);
+            let mut gone = 0.0;
+            for _ in 0..12 {
+                topology.cut(&lattice, &crossed(&lattice, random_triangle(&mut noise, &lattice))).unwrap();
+                let middle = Vec3::from_fn(|axis, _| size[axis] * (0.5 + 0.5 * noise.next()));
+                let is_near = |&slot: &u32| {
+                    (Vec3::from(lattice.node_of(slot).map(|i| i as f64)) - middle).norm() < 1.9
+                        && !topology.is_removed(slot)
+                };
+                let nodes: BTreeSet<u32> = lattice.slots().filter(is_near).collect();
+                let links = nodes.iter().flat_map(|&node| neighbours(&lattice, node));
+                let leaving = links.filter(|(_, other)| !nodes.contains(other));
+                let leaving: Vec<_> = leaving.map(|(edge, _)| (edge, 0.3)).collect();
+                let mut change = topology.cut(&lattice, &leaving).unwrap();
+                let removed = topology.remove(&lattice, &nodes, &mut change);
+                gone += removed.iter().map(|(_, volume)| volume).sum::<f64>();
+                assert_eq!(change.removed, nodes.into_iter().collect::<Vec<_>>());
+
+                let (vacant, mut left) = (topology.vacant(), 0.0);
+                for (cell, _) in lattice.occupied() {
+                    for hung in topology.left_of(&lattice, lattice.corners(cell)[0]) {
+                        left += hung.piece.volume;
+                        assert!(hung.nodes.iter().all(|slot| !vacant.contains(slot)));
+                    }
+                }
+                assert!((left + gone - lattice.cell_count() as f64).abs() < 1e-9, "{left} and {gone}");
+            }
+            assert!(gone > 50.0);
+        }
     }
 
     #[test]

@@ -114,6 +114,19 @@ impl Surface {
         Ok(Self { positions, triangles, first_wall, uvs, materials, rows, triangle_starts, triangle_of })
     }
 
+    /// The same vertices without the triangles that hang on a node that is gone.
+    pub fn without(self, is_gone: impl Fn(u32) -> bool) -> Result<Self> {
+        let hangs = |row: &Row| (0..ROW).any(|n| row.weights[n] != 0.0 && is_gone(row.nodes[n]));
+        let is_lost: Vec<bool> = self.rows.iter().map(hangs).collect();
+        let is_kept = |triangle: &[u32; 3]| triangle.iter().all(|&vertex| !is_lost[vertex as usize]);
+        let first_wall =
+            self.triangles[..self.first_wall].iter().filter(|triangle| is_kept(triangle)).count();
+        let Self { positions, mut triangles, uvs, materials, rows, .. } = self;
+        triangles.retain(is_kept);
+        let surface = Self::bound(TriangleMesh { positions, triangles, uvs }, rows, materials)?;
+        Ok(Self { first_wall, ..surface })
+    }
+
     /// How long triangles are at rest: what contact goes by.
     pub fn edges(&self) -> Edges {
         let longest = |triangle: &[u32; 3]| {

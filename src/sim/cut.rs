@@ -1,6 +1,6 @@
 //! What cuts have done to a running simulation, and what is left of its tissue.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::event::Event;
@@ -44,6 +44,18 @@ pub(super) struct Seen {
 }
 
 impl Cuts {
+    /// The empty cells around the tissue.
+    pub fn margin(&self) -> &Margin {
+        &self.margin
+    }
+
+    /// Notes edges outside of all tissue that are crossed, and where.
+    pub fn cross(&mut self, beyond: &[(GridEdge, f64)]) {
+        for &(edge, at) in beyond {
+            self.beyond.entry(edge).or_insert(at);
+        }
+    }
+
     fn new(model: &Model, copies: usize) -> Self {
         let lattice = model.lattice();
         let capacity = copies.div_ceil(BRICK_SLOTS) * BRICK_SLOTS;
@@ -76,8 +88,11 @@ impl Cuts {
     }
 }
 
-/// Flags of a slot, of a lattice whose own slots have `flags` or a copy.
+/// Flags of a slot, of a lattice whose own slots have `flags` or a copy: where nothing is left it is held.
 pub(super) fn flags_of(cuts: Option<&Cuts>, lattice: &Lattice, flags: &[u8], slot: u32) -> u8 {
+    if cuts.is_some_and(|cuts| cuts.topology.is_removed(slot)) {
+        return flag::FIX_ALL;
+    }
     let of_copy = |cuts: &Cuts| cuts.topology.flags_of(lattice, slot, flags);
     let own = flags.get(slot as usize).copied();
     own.or_else(|| cuts.map(of_copy)).unwrap_or(flag::FIX_ALL)
@@ -111,10 +126,16 @@ impl Moving for Nodes<'_> {
     }
 }
 
-/// A cut surface of a model as it is drawn. Fails where there is no room for it.
-fn within_room(cut: &CutSurface, model: &Model, index: usize, copies: usize) -> Result<Surface> {
+/// A cut surface of a model as it is drawn, without what hangs on `vacant` nodes. Fails where there is no room for it.
+fn within_room(
+    cut: &CutSurface,
+    model: &Model,
+    index: usize,
+    copies: usize,
+    vacant: &HashSet<u32>,
+) -> Result<Surface> {
     let [vertices, triangles] = room(&model.surfaces()[index], copies);
-    let drawn = cut.drawn(model.lattice().cell_m())?;
+    let drawn = left_of(cut.drawn(model.lattice().cell_m())?, vacant)?;
     if drawn.positions.len() > vertices || drawn.triangles.len() > triangles {
         return Err(Error::Limit(format!(
             "the cut surface has {} vertices and {} triangles, and there is room for {vertices} and {triangles}",
@@ -123,6 +144,11 @@ fn within_room(cut: &CutSurface, model: &Model, index: usize, copies: usize) -> 
         )));
     }
     Ok(drawn)
+}
+
+/// A surface without what hangs on `vacant` nodes.
+fn left_of(surface: Surface, vacant: &HashSet<u32>) -> Result<Surface> {
+    if vacant.is_empty() { Ok(surface) } else { surface.without(|slot| vacant.contains(&slot)) }
 }
 
 impl State {
@@ -178,10 +204,9 @@ impl State {
         if crossed.is_empty() && beyond.is_empty() {
             return Ok(0);
         }
-        let change = cuts.topology.cut(lattice, &crossed)?;
-        for &(edge, at) in &beyond {
-            cuts.beyond.entry(edge).or_insert(at);
-        }
+        let mut change = cuts.topology.cut(lattice, &crossed)?;
+        cuts.cross(&beyond);
+        self.remove_crumbs(cuts, &mut change);
         if cuts.topology.version() == 0 {
             return Ok(0);
         }
@@ -190,34 +215,41 @@ impl State {
     }
 
     /// Has surfaces and solver follow a cut.
-    fn take_cut(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<()> {
+    pub fn take_cut(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<()> {
         let model = self.model.clone();
-        let is_seen = self.draw(cuts, change, beyond);
-        if change.cells.is_empty() && !is_seen {
+        let is_seen = self.draw(cuts, change, beyond)?;
+        if change.reshaped().next().is_none() && !is_seen {
             return Ok(());
         }
         // Should the rest fail, steps are only shorter than they need be.
         self.body.note_cut(&model);
         self.statistics.stable_substep_s = self.body.stable_dt;
-        let flags = self.flags_of_copies(&cuts.topology);
+        let mut flags = self.flags_of_copies(&cuts.topology);
+        flags.extend(change.removed.iter().map(|&slot| (slot, flag::FIX_ALL)));
         let taken = self.solver.cut(&cuts.topology, change, &self.surfaces);
         let taken = taken.and_then(|()| self.solver.set_flags(&flags, self.body.stable_dt));
         self.heed(taken)?;
         self.statistics.divided_cells = cuts.topology.cell_count() as u64;
         self.statistics.copies = cuts.topology.copy_count() as u64;
+        self.statistics.node_count = (model.lattice().node_count() - cuts.topology.removed().len()) as u64;
         Ok(())
     }
 
     /// Draws the surfaces anew that a change has changed; whether there is one. Those that cannot follow, or for which there is no room, stay as they were.
-    fn draw(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> bool {
+    fn draw(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<bool> {
         let model = self.model.clone();
         let answers = cuts.follow(&model, change, beyond);
-        let mut is_seen = false;
+        let (vacant, removes) = (cuts.topology.vacant(), !change.removed.is_empty());
+        let mut is_seen = removes;
         for (index, answer) in answers.into_iter().enumerate() {
             let drawn = answer.and_then(|changed| {
-                let cut = cuts.surfaces[index].as_ref().filter(|_| changed);
-                cut.map(|cut| within_room(cut, &model, index, self.desc.cut_nodes)).transpose()
+                let cut = cuts.surfaces[index].as_ref().filter(|_| changed || removes);
+                cut.map(|cut| within_room(cut, &model, index, self.desc.cut_nodes, &vacant)).transpose()
             });
+            if drawn.is_err() && removes {
+                // It stays as it was, but for what is gone.
+                self.surfaces[index] = Arc::new(left_of((*self.surfaces[index]).clone(), &vacant)?);
+            }
             match drawn {
                 Ok(None) => {}
                 Ok(Some(surface)) => {
@@ -234,23 +266,23 @@ impl State {
             }
         }
         self.surface_version += u64::from(is_seen);
-        is_seen
+        Ok(is_seen)
     }
 
     /// Where points of the model frame are in whole soft cells, as last looked at.
     pub fn locate(&self, cuts: &Cuts, points: &[Vec3]) -> Vec<Option<Inside>> {
         let (lattice, laws) = (self.model.lattice(), &self.body.laws);
         let is_soft = |slot: u32| laws[(lattice.words()[slot as usize] >> 28) as usize].spring_n_m > 0.0;
-        let is_whole = |slot: u32| cuts.topology.cell(slot).is_none() && is_soft(slot);
+        let is_whole = |slot: u32| cuts.topology.is_whole(slot) && is_soft(slot);
         locate(points, lattice, &Nodes { lattice, seen: &cuts.seen }, &cuts.seen.extents, is_whole)
     }
 
     /// Makes tissue whole; a reset of the solver follows.
     pub fn heal(&mut self) -> Result<()> {
-        if self.cuts.take().is_none_or(|cuts| cuts.topology.version() == 0) {
-            return Ok(());
-        }
-        let healed = self.solver.heal();
+        let Some(cuts) = self.cuts.take().filter(|cuts| cuts.topology.version() > 0) else { return Ok(()) };
+        let flags: Vec<_> =
+            cuts.topology.removed().map(|slot| (slot, self.body.flags[slot as usize])).collect();
+        let healed = self.solver.set_flags(&flags, self.body.stable_dt).and_then(|()| self.solver.heal());
         self.heed(healed)?;
         self.surfaces = self.model.surfaces().to_vec();
         self.is_behind.fill(false);
@@ -268,9 +300,10 @@ impl State {
         flags_of(self.cuts.as_ref(), self.model.lattice(), &self.body.flags, slot)
     }
 
-    /// Adds the flags of all copies of nodes to those of nodes that change.
-    pub fn add_copies(&self, changed: &mut Vec<(u32, u8)>) {
+    /// Adds the flags of all copies of nodes to those of nodes that change; nodes without tissue stay held.
+    pub fn heed_cuts(&self, changed: &mut Vec<(u32, u8)>) {
         if let Some(cuts) = &self.cuts {
+            changed.retain(|&(slot, _)| !cuts.topology.is_removed(slot));
             changed.extend(self.flags_of_copies(&cuts.topology));
         }
     }

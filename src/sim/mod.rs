@@ -21,6 +21,7 @@ mod latency;
 mod parts;
 mod pick;
 mod reach;
+mod removal;
 mod state;
 mod surface_port;
 mod tool_port;
@@ -36,6 +37,7 @@ pub use self::event::Event;
 pub use self::latency::Latency;
 pub use self::parts::Part;
 pub use self::pick::Pick;
+pub use self::removal::Removed;
 pub use self::surface_port::{SurfaceFrame, SurfacePort};
 pub use self::tool_port::{Exchange, ToolPort};
 pub use crate::solver::SurfaceField;
@@ -53,7 +55,7 @@ use crate::servo::device::DeviceDesc;
 use crate::solver::load::Load;
 use crate::solver::method::Method;
 use crate::solver::statistics::{Energy, Statistics};
-use crate::solver::tool::{Contact, ToolDesc};
+use crate::solver::tool::{Contact, Shape, ToolDesc};
 use crate::trace;
 
 /// The arithmetic of a step.
@@ -92,6 +94,9 @@ pub struct SimDesc {
     /// Room for the copies of nodes that cuts make, rounded up to whole bricks of 128; with 0 the tissue cannot be cut. A wide cut takes two for each cell that it divides, a short
     /// one more, up to eight; cells may fall into as many pieces. What is cut off has weight only where [`Self::rest_under_gravity`] is not set.
     pub cut_nodes: usize,
+    /// Parts that a cut severs, that nothing holds, and that are smaller than so many cells are removed with the cut, 0 to 1000; with 0 all stay. The default, 1, is what the grid resolves: a smaller part holds no cell,
+    /// hangs mostly on copies, and flies away as a crumb. [`Statistics::removed_kg`] counts them.
+    pub least_part_cells: f64,
 }
 
 impl Default for SimDesc {
@@ -108,6 +113,7 @@ impl Default for SimDesc {
             drag_per_s: 5.0,
             sleeping: true,
             cut_nodes: 0,
+            least_part_cells: 1.0,
         }
     }
 }
@@ -138,6 +144,12 @@ impl SimDesc {
                 self.cut_nodes
             )));
         }
+        if !(0.0..=MAX_LEAST_PART_CELLS).contains(&self.least_part_cells) {
+            return Err(Error::argument(format!(
+                "a least part of {} cells is not between 0 and {MAX_LEAST_PART_CELLS}",
+                self.least_part_cells
+            )));
+        }
         if let Method::Efg(desc) = &self.method {
             desc.check()?;
         }
@@ -153,6 +165,8 @@ pub const MAX_THREADS: usize = 256;
 pub const MAX_GRAVITY_M_S2: f64 = 1e3;
 /// Most copies of nodes that cuts make.
 pub const MAX_CUT_NODES: usize = 1 << 24;
+/// Largest [`SimDesc::least_part_cells`].
+pub const MAX_LEAST_PART_CELLS: f64 = 1000.0;
 /// Most tools of one simulation.
 pub const MAX_TOOLS: usize = 64;
 
@@ -367,6 +381,24 @@ impl Sim {
         self.with(|state| state.cut(from, to))
     }
 
+    /// Removes the soft tissue in a shape at a pose, world frame, where it is now: the nodes in the shape, with all that lies between them and the shape's surface. The hole has walls as a cut has, and what stays keeps its mass, place and
+    /// velocity. Gives how much that was; a shape that holds no such node removes nothing.
+    ///
+    /// Rigid cells stay, and so does what is next to them, a thousandth of a cell. Where there is no room for the nodes that the cut around the shape takes ([`SimDesc::cut_nodes`]) nothing is removed. Nodes without tissue stay
+    /// where they were, at rest, and nothing moves them until [`Self::reset`] brings all tissue back.
+    pub fn ablate(&mut self, shape: &Shape, pose: &Pose) -> Result<Removed> {
+        shape.check()?;
+        if !pose.to_homogeneous().iter().all(|x| x.abs() <= FAR_M) {
+            return Err(Error::argument(format!("a shape must stay within {FAR_M} m of the origin")));
+        }
+        self.with(|state| state.ablate(shape, pose))
+    }
+
+    /// Removes one of [`Self::parts`] by its id, all of it, bone and held tissue too, as [`Self::ablate`] does.
+    pub fn remove_part(&mut self, id: u32) -> Result<Removed> {
+        self.with(|state| state.remove_part(id))
+    }
+
     /// The parts that cuts have left, the largest first.
     pub fn parts(&self) -> Vec<Part> {
         self.with(|state| state.parts())
@@ -444,8 +476,7 @@ impl Sim {
         if self.model.lattice().words().get(slot as usize).is_none_or(|&word| word == 0) {
             return Err(Error::argument(format!("slot {slot} holds no node")));
         }
-        self.with(|state| state.set_node(slot, displacement, velocity));
-        Ok(())
+        self.with(|state| state.set_node(slot, displacement, velocity))
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut State) -> T) -> T {

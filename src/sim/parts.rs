@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::state::State;
-use crate::cut::topology::{HungPiece, whole};
+use crate::cut::topology::{HungPiece, own_nodes, whole};
 use crate::math::Vec3;
 use crate::model::lattice::flag;
 use crate::solver::method::Method;
@@ -11,6 +11,8 @@ use crate::solver::method::Method;
 /// A part of the tissue that hangs together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
+    /// Names it, to remove it. A part that is cut further leaves its name to one of what it becomes.
+    pub id: u32,
     /// Its volume in m³.
     pub volume_m3: f64,
     /// Its mass in kg.
@@ -22,14 +24,17 @@ pub struct Part {
 }
 
 impl State {
-    /// Every whole cell and every piece: its material and what it hangs on.
+    /// Every whole cell and every piece that is left: its material and what it hangs on.
     pub fn hung(&self) -> Vec<(u8, HungPiece)> {
         let lattice = self.model.lattice();
         let mut all = Vec::with_capacity(lattice.cell_count());
         for (cell, material) in lattice.occupied() {
             let corners = lattice.corners(cell);
-            match self.cuts.as_ref().and_then(|cuts| cuts.topology.cell(corners[0])) {
-                Some(divided) => all.extend(divided.pieces.iter().map(|&piece| (material, piece))),
+            match &self.cuts {
+                Some(cuts) => {
+                    let left = cuts.topology.left_of(lattice, corners[0]);
+                    all.extend(left.into_iter().map(|piece| (material, piece)));
+                }
                 None => all.push((material, whole(corners))),
             }
         }
@@ -83,10 +88,17 @@ impl State {
         let mut parts: HashMap<usize, (Part, Vec3)> = HashMap::new();
         for (n, (material, hung)) in all.iter().enumerate() {
             let kg = 8.0 * self.body.laws[usize::from(*material)].corner_kg * hung.piece.volume;
-            let none = Part { volume_m3: 0.0, mass_kg: 0.0, is_held: false, velocity_m_s: Vec3::zeros() };
+            let none = Part {
+                id: u32::MAX,
+                volume_m3: 0.0,
+                mass_kg: 0.0,
+                is_held: false,
+                velocity_m_s: Vec3::zeros(),
+            };
             let (part, momentum) = parts.entry(root(&mut next, n)).or_insert((none, Vec3::zeros()));
             part.volume_m3 += hung.piece.volume * h * h * h;
             part.mass_kg += kg;
+            part.id = own_nodes(hung).fold(part.id, u32::min);
             for (corner, (node, share)) in hung.nodes.into_iter().zip(self.shares(hung)).enumerate() {
                 *momentum += self.solver.velocity(node) * (kg * share);
                 // Its own corners are nodes of the lattice.

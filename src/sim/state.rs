@@ -261,7 +261,7 @@ impl State {
         self.report = StepReport::default();
         self.statistics = Statistics {
             stable_substep_s: self.statistics.stable_substep_s,
-            node_count: self.statistics.node_count,
+            node_count: self.model.lattice().node_count() as u64,
             node_bytes: self.statistics.node_bytes,
             volume_ratio: [1.0, 1.0],
             ..Statistics::default()
@@ -373,8 +373,12 @@ impl State {
         Energy { kinetic_j, elastic_j, gravity_j, tool_work_j: self.tool_work_j }
     }
 
-    pub fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) {
+    pub fn set_node(&mut self, slot: u32, displacement: Vec3, velocity: Vec3) -> Result<()> {
+        if self.cuts.as_ref().is_some_and(|cuts| cuts.topology.is_removed(slot)) {
+            return Err(Error::argument(format!("the tissue at slot {slot} was removed")));
+        }
         self.solver.set_node(slot, displacement, velocity);
+        Ok(())
     }
 
     /// A surface as it is now, and what counts its changes.

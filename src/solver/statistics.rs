@@ -28,7 +28,7 @@ pub struct Statistics {
     pub awake_nodes: u64,
     /// Bricks of 8 × 4 × 4 places for nodes that were integrated in the last substep.
     pub awake_bricks: u64,
-    /// All nodes.
+    /// All nodes of the model, without those whose tissue was removed.
     pub node_count: u64,
     /// Largest |1 - L / l| of an edge spring in the last substep, l being its length and L its rest length; of the meshless model the largest strain along a cell's
     /// own axes when the last step began.
@@ -59,6 +59,10 @@ pub struct Statistics {
     pub divided_cells: u64,
     /// Copies of nodes that cuts have made.
     pub copies: u64,
+    /// Volume at rest of the tissue that was removed since the last reset, in m³: what is left of the parts and this is what the model had.
+    pub removed_m3: f64,
+    /// Mass of that tissue, in kg.
+    pub removed_kg: f64,
     /// Bytes copied between the host and the GPU since creation, that included; on the processor only the meshless model's rows, to where steps read them.
     pub copied: Copied,
 }

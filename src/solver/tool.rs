@@ -168,7 +168,8 @@ impl ToolMotion {
 }
 
 impl Shape {
-    fn check(&self) -> Result<()> {
+    /// Refuses sizes that no tool has.
+    pub(crate) fn check(&self) -> Result<()> {
         let size = |x: f64| (1e-5..=1.0).contains(&x);
         let good = match *self {
             Self::Sphere { radius_m } => size(radius_m),

@@ -88,13 +88,54 @@ static void check_blade(const plp_model *model) {
     ANSWERS(PLP_OK, plp_sim_destroy(sim));
 }
 
+/* A ball of 14 mm inside of the block, a part that is cut off, and all of it back. */
+static void check_removal(const plp_model *model) {
+    plp_sim *sim = cuttable(model, 4000);
+    plp_tool_part ball = {PLP_SHAPE_SPHERE, 0, {{0}, {0}}, 0.014, 0, {0}};
+    plp_removed removed;
+    plp_statistics statistics;
+    plp_part parts[4];
+    uint64_t count = 0;
+    ball.pose = plp_pose_at(0.021, 0.0195, 0.0205);
+    ANSWERS(PLP_OK, plp_sim_ablate(sim, &ball, &removed));
+    CHECK(fabs(removed.volume_m3 / 1.14940e-5 - 1.0) < 0.1);
+    CHECK(fabs(removed.mass_kg - 1000.0 * removed.volume_m3) < 1e-12);
+    ANSWERS(PLP_OK, plp_sim_get_parts(sim, parts, 4, &count));
+    CHECK(count == 1 && fabs(parts[0].volume_m3 + removed.volume_m3 - 6.4e-5) < 1e-12);
+    ANSWERS(PLP_OK, plp_sim_ablate(sim, &ball, &removed));
+    CHECK(removed.volume_m3 == 0.0 && removed.mass_kg == 0.0);
+
+    ANSWERS(PLP_OK, slit(sim, 0.05, -0.01, 0.0363, NULL));
+    ANSWERS(PLP_OK, plp_sim_get_parts(sim, parts, 4, &count));
+    CHECK(count == 2 && parts[1].is_held == 0);
+    ANSWERS(PLP_OK, plp_sim_remove_part(sim, parts[1].id, &removed));
+    CHECK(removed.volume_m3 == parts[1].volume_m3);
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_remove_part(sim, parts[1].id, NULL));
+    ANSWERS(PLP_OK, plp_sim_step(sim));
+    ANSWERS(PLP_OK, plp_sim_get_statistics(sim, &statistics, sizeof statistics));
+    CHECK(fabs(parts[0].mass_kg + statistics.removed_kg - 6.4e-2) < 1e-9);
+    CHECK(fabs(parts[0].volume_m3 + statistics.removed_m3 - 6.4e-5) < 1e-12);
+
+    ANSWERS(PLP_ERR_NULL, plp_sim_ablate(sim, NULL, &removed));
+    ball.radius_m = NAN;
+    ANSWERS(PLP_ERR_ARGUMENT, plp_sim_ablate(sim, &ball, &removed));
+    ANSWERS(PLP_OK, plp_sim_reset(sim));
+    ANSWERS(PLP_OK, plp_sim_get_parts(sim, parts, 4, &count));
+    CHECK(count == 1 && fabs(parts[0].volume_m3 - 6.4e-5) < 1e-12);
+    ANSWERS(PLP_OK, plp_sim_destroy(sim));
+}
+
 static void check_refusals(const plp_model *model) {
     plp_sim *whole = cuttable(model, 0), *small = cuttable(model, 16);
     plp_tool *tool = NULL;
     plp_event event;
     const double far[6] = {0, 0, 0, 1e9, 0, 0}, nan[6] = {0, 0, 0, NAN, 0, 0};
+    plp_tool_part ball = {PLP_SHAPE_SPHERE, 0, {{0}, {0}}, 0.015, 0, {0}};
     ANSWERS(PLP_ERR_STATE, slit(whole, 0.05, -0.01, 0.0215, NULL));
     ANSWERS(PLP_ERR_STATE, add_blade(whole, 0.0, &tool));
+    ball.pose = plp_pose_at(0.02, 0.02, 0.02);
+    ANSWERS(PLP_ERR_STATE, plp_sim_ablate(whole, &ball, NULL));
+    ANSWERS(PLP_ERR_LIMIT, plp_sim_ablate(small, &ball, NULL));
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_cut(small, far, far, 2, NULL));
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_cut(small, nan, nan, 2, NULL));
     ANSWERS(PLP_ERR_ARGUMENT, plp_sim_cut(small, nan, nan, 1000000, NULL));
@@ -123,6 +164,7 @@ int main(void) {
     plp_model *model = block();
     check_by_hand(model);
     check_blade(model);
+    check_removal(model);
     check_refusals(model);
     ANSWERS(PLP_OK, plp_model_destroy(model));
     printf("cutting: ok\n");

@@ -9,7 +9,7 @@ use palpate::model::{Fix, Model};
 use palpate::sim::{Backend, NodeField, Part, Precision, Sim, SimDesc};
 use palpate::solver::blade::Blade;
 use palpate::solver::method::{EfgDesc, Method, Rows};
-use palpate::solver::tool::{ToolDesc, ToolMotion};
+use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
 
 use super::efg::SAME;
 use super::gpu::has_gpu;
@@ -392,6 +392,61 @@ fn a_reset_on_a_gpu_makes_tissue_whole_and_room_for_cuts_changes_nothing() {
 }
 
 #[test]
+fn tissue_removed_on_a_gpu_is_gone_as_on_the_processor_and_a_reset_brings_it_back() {
+    if !has_gpu("tissue_removed_on_a_gpu_is_gone_as_on_the_processor_and_a_reset_brings_it_back") {
+        return;
+    }
+    for case in cases() {
+        let model = block_of(CELLS, 0.45, 0.0);
+        let what = format!("{} {:?}", name(case.method), case.precision);
+        let move_on = |sim: &mut Sim| {
+            (0..20).for_each(|_| sim.step().unwrap());
+            sim.nodes(NodeField::Displacement)
+        };
+        let mut sims = simulations(&model, &case);
+        let whole = move_on(&mut sims[1]);
+        sims[1].reset();
+        let mut ports = sims.each_mut().map(|sim| sim.open_surface(model.contact_surface()).unwrap());
+        let mut peaks = [0.0; 2];
+        for step in 0..40 {
+            let removed = sims.each_mut().map(|sim| {
+                let remove = |sim: &mut Sim, radius: f64, [x, y, z]: [f64; 3]| {
+                    let pose = model.frame() * Pose::translation(x * CELL_M, y * CELL_M, z * CELL_M);
+                    sim.ablate(&Shape::Sphere { radius_m: radius * CELL_M }, &pose).unwrap().mass_kg
+                };
+                match step {
+                    5 => remove(sim, 2.3, [10.4, 4.6, 6.8]),
+                    // What was removed is cut no more, what is left is.
+                    10 => slit(sim, 12.0, 4.0, 5.2) as f64,
+                    15 => remove(sim, 3.1, [8.2, 4.1, 5.3]),
+                    20 => slit(sim, 12.0, -2.0, 3.2) as f64,
+                    25 => {
+                        let free = *sim.parts().iter().find(|part| !part.is_held).expect("what was cut off");
+                        sim.remove_part(free.id).unwrap().mass_kg
+                    }
+                    _ => 0.0,
+                }
+            });
+            assert!((step == 0 || step % 5 > 0 || step > 25) || removed[0] > 0.0, "{what}, step {step}");
+            // A node that lies next to the ball's surface may be on either side of it.
+            let off = most(removed.iter().map(|mass| (mass - removed[0]).abs()));
+            assert!(off <= 1e-3 * removed[0], "{what}, step {step}: {removed:?}");
+            sims.iter_mut().for_each(|sim| sim.step().unwrap());
+            if step > 4 {
+                compare(&sims, &mut peaks, case.same, &format!("{what}, step {step}"));
+            }
+            let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());
+            assert!(cpu.triangles == gpu.triangles, "{what}, step {step}");
+        }
+        let expected = CELLS.iter().product::<usize>() as f64 * CELL_M.powi(3) * 1000.0;
+        let mass: f64 = sims[1].parts().iter().map(|part| part.mass_kg).sum();
+        assert!(((mass + sims[1].statistics().removed_kg) / expected - 1.0).abs() < EXACT, "{what}");
+        sims[1].reset();
+        assert!(move_on(&mut sims[1]) == whole, "{what}: as if nothing had ever been removed");
+    }
+}
+
+#[test]
 fn a_cut_copies_what_it_changes_alone() {
     if !has_gpu("a_cut_copies_what_it_changes_alone") {
         return;
@@ -435,7 +490,9 @@ fn two_hundred_random_cuts_leave_a_gpu_sound() {
     }
     for case in cases() {
         let model = block_of(CELLS, 0.45, 0.0);
-        let desc = SimDesc { cut_nodes: 40_000, ..desc_of(case.method, GPU, case.precision) };
+        // With all crumbs.
+        let desc =
+            SimDesc { cut_nodes: 40_000, least_part_cells: 0.0, ..desc_of(case.method, GPU, case.precision) };
         let mut sim = Sim::new(model.clone(), &desc).unwrap();
         let mut seed = 7_u64;
         let mut noise = || {
@@ -454,7 +511,7 @@ fn two_hundred_random_cuts_leave_a_gpu_sound() {
         let parts = sim.parts();
         println!("{}: {divided} cells divided, {} parts", name(case.method), parts.len());
         assert!(parts.len() > 9, "{}", parts.len());
-        let mass: f64 = parts.iter().map(|part| part.mass_kg).sum();
+        let mass = parts.iter().map(|part| part.mass_kg).sum::<f64>() + sim.statistics().removed_kg;
         assert!(
             (mass / (CELLS.iter().product::<usize>() as f64 * CELL_M.powi(3) * 1000.0) - 1.0).abs() < EXACT
         );

@@ -25,7 +25,7 @@ fn pillar() -> Arc<Model> {
 }
 
 /// A surface's points, in double precision.
-fn points(frame: &SurfaceFrame<'_>) -> Vec<Vec3> {
+pub fn points(frame: &SurfaceFrame<'_>) -> Vec<Vec3> {
     frame.positions.iter().map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
 }
 
@@ -37,7 +37,7 @@ fn names(points: &[Vec3]) -> Vec<usize> {
 }
 
 /// Twice as many directed edges go one way as come back, where the surface is closed; and six times the volume inside.
-fn check_closed(frame: &SurfaceFrame<'_>, at: &[Vec3]) -> f64 {
+pub fn check_closed(frame: &SurfaceFrame<'_>, at: &[Vec3]) -> f64 {
     let names = names(at);
     let mut balance: HashMap<(usize, usize), i64> = HashMap::new();
     let mut volume = 0.0;

@@ -1,4 +1,4 @@
-//! Blades, and what cuts leave.
+//! Blades, what cuts leave, and what is removed.
 
 /// The cutting edge of a tool.
 #[repr(C)]
@@ -27,6 +27,16 @@ pub struct plp_part {
     pub velocity_m_s: [f64; 3],
     /// 1 where nodes of it are held, along all axes; otherwise 0.
     pub is_held: u32,
-    /// 0.
-    pub reserved: u32,
+    /// Names it for plp_sim_remove_part. A part that is cut further leaves its name to one of what it becomes.
+    pub id: u32,
+}
+
+/// How much tissue was removed.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct plp_removed {
+    /// Its volume at rest in m^3.
+    pub volume_m3: f64,
+    /// Its mass in kg.
+    pub mass_kg: f64,
 }

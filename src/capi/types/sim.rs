@@ -80,6 +80,9 @@ pub struct plp_sim_desc {
     /// Room for cuts: copies of nodes that they may make in all, some two for each cell that a blade passes; surfaces get room alike. 0 (default): tissue cannot be
     /// cut. A cut whose cells fall into more pieces than that is refused too.
     pub cut_nodes: u64,
+    /// Parts that a cut severs, that nothing holds, and that are smaller than so many cells of the grid are removed with the cut, 0 to 1000; with 0 all stay. 1 (default) is what the grid resolves.
+    /// plp_statistics.removed_kg counts them.
+    pub least_part_cells: f64,
 }
 
 // SAFETY: repr(C), integers, doubles, a raw pointer and an optional function pointer, 4-byte fields in pairs.
@@ -111,6 +114,7 @@ unsafe impl Desc for plp_sim_desc {
             max_iterations: efg.max_iterations,
             tolerance: efg.tolerance,
             cut_nodes: 0,
+            least_part_cells: defaults.least_part_cells,
         }
     }
 }
@@ -247,6 +251,10 @@ pub struct plp_statistics {
     pub divided_cell_count: u64,
     /// Copies of nodes that cuts have made, of the room of plp_sim_desc.cut_nodes.
     pub copy_count: u64,
+    /// Volume at rest of the tissue that was removed since the last reset, in m^3: what is left of the parts and this is what the model had.
+    pub removed_m3: f64,
+    /// Mass of that tissue in kg.
+    pub removed_kg: f64,
 }
 
 // SAFETY: repr(C), 8-byte fields and two pairs of 4-byte ones.

@@ -46,7 +46,7 @@ impl CellRows {
     }
 
     /// Gives the pieces of cells that a cut has changed rows in `table`: the first piece of what had a row keeps that, others get new ones behind the last. Says
-    /// how these are turned: as what they were part of.
+    /// how these are turned: as what they were part of. What was removed sees no node any more.
     pub fn divide(
         &mut self,
         table: &mut RowTable,
@@ -56,12 +56,13 @@ impl CellRows {
     ) -> Vec<(usize, Like)> {
         let h = lattice.cell_m();
         let mut new = Vec::new();
-        for &cell in change.cells.iter().chain(&change.rehung) {
-            let divided = topology.cell(cell).expect("what a cut changed is divided");
+        for cell in change.reshaped().chain(change.rehung.iter().copied()) {
+            let pieces = topology.left_of(lattice, cell);
+            let material = lattice.cell_material(lattice.node_of(cell));
             let low = lattice.rest_position(cell);
             let before = self.0.remove(&cell).unwrap_or_default();
-            let mut hung: Vec<PieceRow> = Vec::with_capacity(divided.pieces.len());
-            for piece in &divided.pieces {
+            let mut hung: Vec<PieceRow> = Vec::with_capacity(pieces.len());
+            for piece in &pieces {
                 let corners = piece.piece.corners;
                 let was = before.iter().find(|old| old.corners & corners != 0);
                 let kept = was.filter(|was| hung.iter().all(|hung| hung.row != was.row));
@@ -69,13 +70,12 @@ impl CellRows {
                 if kept.is_none() {
                     new.push((row, was.map_or(Like::Cell(cell), |was| Like::Row(was.row))));
                 }
-                let at = Cell {
-                    point: low + piece.piece.centroid * h,
-                    volume: piece.piece.volume,
-                    material: divided.material,
-                };
+                let at = Cell { point: low + piece.piece.centroid * h, volume: piece.piece.volume, material };
                 table.put_piece(row, at, piece.nodes, low, h);
                 hung.push(PieceRow { corners, row });
+            }
+            for gone in before.iter().filter(|old| hung.iter().all(|hung| hung.row != old.row)) {
+                table.clear(gone.row);
             }
             self.0.insert(cell, hung);
         }

@@ -9,7 +9,7 @@ use std::ops::Range;
 use super::super::lanes::{Octet, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS};
 use super::LawTables;
-use crate::cut::topology::Topology;
+use crate::cut::topology::{HungPiece, Topology};
 use crate::math::Num;
 use crate::model::lattice::BRICK_SLOTS;
 use crate::model::law::{SpringClass, sliver_damping, squared_change, volume_change};
@@ -104,14 +104,12 @@ unsafe impl<R: Send + Sync> Sync for Pieces<R> {}
 impl<R: Real> Pieces<R> {
     /// Of a topology, on so many bricks.
     pub fn new(topology: &Topology, bricks: usize, corner_kg: &[f64; 16]) -> Self {
-        let mut pieces = Vec::new();
-        for (_, cell) in topology.cells() {
-            pieces.extend(cell.pieces.iter().map(|hung| Piece {
-                nodes: hung.nodes,
-                material: cell.material,
-                volume: R::splat(hung.piece.volume),
-            }));
-        }
+        let piece = |(material, hung): (u8, HungPiece)| Piece {
+            nodes: hung.nodes,
+            material,
+            volume: R::splat(hung.piece.volume),
+        };
+        let pieces: Vec<_> = topology.pieces().map(piece).collect();
         let mut all = Self {
             given: pieces.iter().map(|_| UnsafeCell::default()).collect(),
             mass: Vec::new(),

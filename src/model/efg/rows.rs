@@ -142,6 +142,13 @@ impl RowTable {
         });
     }
 
+    /// Empties the row of a cell that is gone: it has no volume and sees no node.
+    pub fn clear(&mut self, row: usize) {
+        self.cells[row].volume = 0.0;
+        self.lengths[row] = 0;
+        self.is_dirty[row / BATCH] = true;
+    }
+
     /// Writes a row of `length` nodes.
     fn write(&mut self, row: usize, cell: Cell, length: usize, entry: impl Fn(usize) -> Entry) {
         if row == self.len() {

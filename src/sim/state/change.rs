@@ -38,7 +38,7 @@ impl State {
         self.check()?;
         let mut changed = self.body.set_held(&self.model, fix, is_held)?;
         let count = changed.len();
-        self.add_copies(&mut changed);
+        self.heed_cuts(&mut changed);
         let answer = self.solver.set_flags(&changed, self.body.stable_dt);
         self.heed(answer)?;
         self.statistics.stable_substep_s = self.body.stable_dt;
@@ -58,7 +58,7 @@ impl State {
             let at = lattice.rest_position(slot) + self.solver.displacement(slot);
             pose.inverse_transform_point(&at.into()).coords
         };
-        let is_free = |slot: &u32| self.body.flags[*slot as usize] == 0;
+        let is_free = |slot: &u32| self.flags_of(*slot) == 0;
         let near = lattice.slots().filter(is_free).map(|slot| (slot, place(slot)));
         let near = near.filter(|(_, place)| tool.desc.distance(*place).distance <= reach_m);
         let held: Arc<[(u32, Vec3)]> = tool.grasped.iter().copied().chain(near).collect();

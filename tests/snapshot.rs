@@ -121,6 +121,7 @@ impl Rig {
             hash.numbers([time_s, sequence as f64]);
         }
         hash.surface(&self.surface.map().unwrap());
+        hash.numbers([self.sim.energy().tool_work_j]);
         let now = self.sim.statistics();
         hash.numbers([now.time_s, now.substep_s, now.stable_substep_s, now.max_strain, now.true_residual]);
         hash.numbers(now.volume_ratio);
@@ -204,21 +205,60 @@ fn what_follows_a_restore_is_what_followed_the_snapshot_to_the_last_bit() {
 fn tissue_that_sleeps_at_a_snapshot_sleeps_after_a_restore() {
     let model = model();
     let still = |_: &mut Rig, _: u32| ();
-    let touch = |rig: &mut Rig, step: u32| rig.put(0, Vec3::new(4.0, 3.5, 8.2 - 0.02 * f64::from(step)));
-    let desc = SimDesc {
-        gravity_m_s2: Vec3::zeros(),
-        drag_per_s: 200.0,
-        ..desc((Method::Lattice, Precision::Single), 1)
-    };
+    let touch = |rig: &mut Rig, step: u32| rig.put(0, Vec3::new(4.0, 3.5, 9.5 - 0.04 * f64::from(step)));
+    let desc = SimDesc { drag_per_s: 200.0, ..desc((Method::Lattice, Precision::Single), 1) };
     let mut rig = Rig::new(&model, &desc, &balls()[..1]);
+    // Deformed by its weight.
+    rig.sim.settle(0.01, 5000).unwrap();
     rig.run(0..40, still);
     let asleep = rig.sim.statistics().awake_nodes;
     assert!(asleep < rig.sim.statistics().node_count, "{asleep}");
     let snapshot = rig.sim.snapshot().unwrap();
     let then = rig.run(0..60, touch);
-    rig.sim.restore(&snapshot).unwrap();
-    assert_eq!(rig.sim.statistics().awake_nodes, asleep);
-    assert!(rig.run(0..60, touch) == then);
+    for mut rig in [Rig::new(&model, &desc, &balls()[..1]), rig] {
+        rig.sim.restore(&snapshot).unwrap();
+        assert_eq!(rig.sim.statistics().awake_nodes, asleep);
+        assert!(rig.run(0..60, touch) == then);
+    }
+}
+
+#[test]
+fn substeps_are_as_short_after_a_restore_as_strain_asked_for_before_the_snapshot() {
+    let model = model();
+    // Steps so long that their number tells.
+    let desc = SimDesc { step_s: 1e-2, ..desc((Method::Lattice, Precision::Double), 1) };
+    let press = |rig: &mut Rig, step: u32| rig.put(0, Vec3::new(4.0, 3.5, 8.0 - 0.1 * f64::from(step)));
+    let mut rig = Rig::new(&model, &desc, &balls()[..1]);
+    rig.run(0..25, press);
+    let snapshot = rig.sim.snapshot().unwrap();
+    let then = rig.run(25..30, press);
+    let mut other = Rig::new(&model, &desc, &balls()[..1]);
+    assert!(other.sim.statistics().substeps_per_step < rig.sim.statistics().substeps_per_step);
+    other.sim.restore(&snapshot).unwrap();
+    assert!(other.run(25..30, press) == then);
+}
+
+#[test]
+fn tissue_settles_after_a_restore_as_it_did_after_the_snapshot() {
+    let model = model();
+    for case in cases() {
+        let mut rig = Rig::new(&model, &desc(case, 1), &balls());
+        // A second's implicit step takes long.
+        let most = if case.0 == Method::Lattice { 120 } else { 8 };
+        let settle = |rig: &mut Rig| {
+            busy(rig, 15);
+            (rig.sim.settle(1e-2, most).unwrap().to_bits(), rig.seen())
+        };
+        // From motion, and from the rest that settling leaves.
+        rig.run(0..15, busy);
+        for _ in 0..2 {
+            let snapshot = rig.sim.snapshot().unwrap();
+            let then = settle(&mut rig);
+            rig.run(15..18, busy);
+            rig.sim.restore(&snapshot).unwrap();
+            assert!(settle(&mut rig) == then, "{case:?}");
+        }
+    }
 }
 
 #[test]

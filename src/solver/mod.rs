@@ -201,10 +201,10 @@ pub trait Solver: Send + std::fmt::Debug {
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's. [`Self::set_flags`] with
-    /// those of all copies follows. Fails when the device is lost, or has no room.
+    /// those of all copies, or [`Self::restore`], follows. Fails when the device is lost, or has no room.
     fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()>;
 
-    /// Forgets all cuts; [`Self::reset`] follows. Fails when the device is lost.
+    /// Forgets all cuts; [`Self::reset`] or [`Self::restore`] follows. Fails when the device is lost.
     fn heal(&mut self) -> Result<()>;
 
     /// Back to rest.

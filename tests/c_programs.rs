@@ -47,6 +47,13 @@ fn a_block_is_cut_by_hand_and_with_a_blade() {
 }
 
 #[test]
+fn a_cut_block_becomes_what_it_was_at_a_snapshot() {
+    if let Some(said) = run_c("snapshot") {
+        assert_eq!(said, "snapshot: ok\n");
+    }
+}
+
+#[test]
 fn a_haptic_device_feels_the_tissue_and_nothing_else() {
     if let Some(said) = run_c("servo") {
         assert_eq!(said, "servo: ok\n");

@@ -12,6 +12,8 @@ mod gpu;
 mod outside;
 #[path = "cuda/sleep.rs"]
 mod sleep;
+#[path = "cuda/snapshot.rs"]
+mod snapshot;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -10,7 +10,7 @@ use support::{assert_same_as_file, need, root, run, scratch};
 const HEADER: &str = "include/palpate/palpate.h";
 
 /// The files of the C ABI in the order in which a reader should meet them.
-const SOURCES: [&str; 21] = [
+const SOURCES: [&str; 22] = [
     "version",
     "status",
     "types/mod",
@@ -29,6 +29,7 @@ const SOURCES: [&str; 21] = [
     "drive",
     "change",
     "cut",
+    "snapshot",
     "statistics",
     "tool",
     "surface",

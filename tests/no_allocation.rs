@@ -114,6 +114,9 @@ fn a_step_allocates_nothing_on_any_thread() {
         let (mut sim, mut ports) = scene_of(method, precision, threads, damping_s);
         // Warmed up by less than what follows: not all memory may come from the first round.
         (0..5).for_each(|step| act(&mut sim, &mut ports, step));
+        // Nor does one that follows a restore.
+        let snapshot = sim.snapshot().unwrap();
+        sim.restore(&snapshot).unwrap();
 
         let (mut most_touching, mut fewest_awake) = (0, u64::MAX);
         COUNT.store(0, Ordering::Relaxed);

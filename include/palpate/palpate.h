@@ -4,13 +4,14 @@
 /*
  * palpate: soft tissue that can be seen, touched and cut in real time.
  *
- * Four things, each an opaque pointer that a create call gives you and that you give back to its destroy
+ * Five things, each an opaque pointer that a create call gives you and that you give back to its destroy
  * call, in any order:
  *
  *   plp_model     anatomy with materials, at rest; immutable, shared by any number of simulations and threads
  *   plp_sim       a running simulation; one thread at a time steps it
  *   plp_tool      a rigid tool in a simulation; a servo thread of its own sets its pose and reads its force
  *   plp_surface   a moving surface of a simulation; a render thread of its own maps its vertices
+ *   plp_snapshot  what a simulation was at one instant, to go back to
  *
  *      servo thread                      simulation thread                     render thread
  *   plp_tool_set_pose   -- pose -->         plp_sim_step     -- vertices -->   plp_surface_map
@@ -294,6 +295,9 @@ typedef struct plp_model plp_model;
 
 /// A running simulation. One thread at a time.
 typedef struct plp_sim plp_sim;
+
+/// What a simulation was at one instant. Immutable; any number of threads and simulations may share it.
+typedef struct plp_snapshot plp_snapshot;
 
 /// A render surface of a simulation: the port of one render thread. Works while the simulation steps on
 /// another thread.
@@ -1409,6 +1413,34 @@ plp_status plp_sim_get_parts(plp_sim *sim,
                              plp_part *parts,
                              uint64_t capacity,
                              uint64_t *part_count);
+
+/// Keeps how a simulation is now, in the host's memory: tissue and how it moves, what cuts have made of it, materials, what is held, gravity, loads, where tools and rigid regions are, time and
+/// statistics. Takes time and memory by the size of the model.
+///
+/// Answers PLP_ERR_DIVERGED for a simulation that has diverged.
+///
+/// @thread owner
+plp_status plp_sim_snapshot(plp_sim *sim,
+                            plp_snapshot **snapshot);
+
+/// Makes all what it was at a snapshot of this simulation, or of another one of the same plp_model that was described alike; threads, gravity and which GPU it is may differ. From there the
+/// simulation goes on as it did then: to the last bit, on a GPU of the same kind, for the same motions of its tools and drives of its regions. It goes on as well where it had diverged.
+///
+/// Tools and surfaces live on. A tool stands where it did and goes from there, in the next step, to where it was asked to be last; what it held it holds again. A tool that was not there then is put
+/// in anew. In another simulation a tool is the one that was created in the same turn, loads counted too. Tools are without force until the next step, and devices feel nothing until they engage
+/// anew. topology_version counts on where a surface changes. Loads have the ids of then.
+///
+/// Answers PLP_ERR_ARGUMENT for a snapshot of another model, or of a simulation that was described otherwise: nothing changes then. Where a GPU has too little memory left, PLP_ERR_LIMIT, steps
+/// answer PLP_ERR_DIVERGED until plp_sim_reset or another restore. A snapshot serves any number of times.
+///
+/// @thread owner
+plp_status plp_sim_restore(plp_sim *sim,
+                           const plp_snapshot *snapshot);
+
+/// Gives a snapshot back. It may outlive its simulation. NULL is fine.
+///
+/// @thread any
+plp_status plp_snapshot_destroy(plp_snapshot *snapshot);
 
 /// How the simulation is doing. statistics_size is sizeof(plp_statistics).
 ///

@@ -10,7 +10,7 @@
 //! | `boundary` | panics stop here; descs and arrays are copied in, values are copied out |
 //! | `handle`, `aside` | opaque pointers that survive misuse, and what a busy one said last |
 //! | `convert` | between the structs of the header and the types of the crate |
-//! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`drive`], [`change`], [`cut`], [`statistics`], [`tool`], [`surface`] | the functions of one noun |
+//! | [`version`], [`preset`], [`model`], [`device`], [`sim`], [`drive`], [`change`], [`cut`], [`mod@snapshot`], [`statistics`], [`tool`], [`surface`] | the functions of one noun |
 
 // The header's names, which are C's.
 #![allow(non_camel_case_types)]
@@ -29,6 +29,7 @@ mod handle;
 pub mod model;
 pub mod preset;
 pub mod sim;
+pub mod snapshot;
 pub mod statistics;
 pub mod status;
 pub mod surface;

@@ -18,7 +18,7 @@ use super::status::{
 use super::types::*;
 use crate::error::Error;
 use crate::log::{self, Log};
-use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, ToolId};
+use crate::sim::{LoadId, NodeField, Precision, Sim, SimDesc, Snapshot, ToolId};
 use crate::solver::load::{Load, Region};
 use crate::solver::method::{EfgDesc, Elasticity, Method, Scheme};
 
@@ -102,6 +102,13 @@ impl SimBody {
                 let _ = self.sim.remove_tool(tool);
             }
         }
+    }
+
+    /// Makes all what it was.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Error> {
+        self.sim.restore(snapshot)?;
+        self.is_overturned = false;
+        Ok(())
     }
 
     /// Notes a tool and gives its handle's tag and link.

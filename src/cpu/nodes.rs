@@ -75,7 +75,7 @@ impl<R: Real> Flattened<R> for [Octet<R>] {
 }
 
 /// What a node does, at one instant. Displacements live twice, so that a substep reads one copy and writes the other.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Nodes<R> {
     /// Displacement in m.
     pub u: Field<R>,

@@ -45,6 +45,14 @@ impl Thresholds {
     }
 }
 
+/// Who sleeps, and since when bricks are quiet.
+#[derive(Clone, Debug)]
+pub struct Sleepers {
+    is_asleep: Vec<bool>,
+    quiet: Vec<u8>,
+    substep: u64,
+}
+
 /// Which bricks sleep, and the runs that a substep walks.
 #[derive(Debug)]
 pub struct Sleep {
@@ -110,6 +118,19 @@ impl Sleep {
             self.is_asleep.fill(false);
             self.list(bricks);
         }
+    }
+
+    /// Who sleeps now.
+    pub fn sleepers(&self) -> Sleepers {
+        Sleepers { is_asleep: self.is_asleep.clone(), quiet: self.quiet.clone(), substep: self.substep }
+    }
+
+    /// Lets those sleep who slept then.
+    pub fn set_sleepers(&mut self, bricks: &Bricks, then: &Sleepers) {
+        self.is_asleep.clone_from(&then.is_asleep);
+        self.quiet.clone_from(&then.quiet);
+        self.substep = then.substep;
+        self.list(bricks);
     }
 
     /// After a substep: wakes the touched bricks with their neighbours and the sleepers that would move, puts quiet bricks to sleep by

@@ -3,6 +3,8 @@
 //! In each substep all threads claim runs of bricks and advance them; then one thread alone applies loads, moves rigid regions, resolves
 //! contact and decides who sleeps, while the others wait. Which thread advances a run changes nothing, so neither does their number.
 
+mod saved;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
@@ -29,7 +31,9 @@ use crate::model::law::{CellLaw, most_damping};
 use crate::model::surface::Surface;
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
-use crate::solver::{RegionStep, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::solver::{
+    RegionStep, Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+};
 
 /// Most runs claimed at a time.
 const LONGEST_CLAIM: usize = 4;
@@ -312,6 +316,15 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.vis_viva = 0.0;
         core.is_cleared = true;
         core.sleep.wake_all(&core.bricks);
+    }
+
+    fn save(&mut self) -> Result<Saved> {
+        Ok(Box::new(self.core.save()))
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.core.restore(saved.downcast_ref().ok_or_else(saved_elsewhere)?);
+        Ok(())
     }
 
     fn node_bytes(&self) -> u64 {

@@ -272,6 +272,18 @@ impl<T: Plain> Buffer<T> {
         Ok(())
     }
 
+    /// Reads all values.
+    pub fn all(&self) -> Result<Vec<T>>
+    where
+        T: Default,
+    {
+        let mut values = vec![T::default(); self.count];
+        if !values.is_empty() {
+            self.read(0, &mut values)?;
+        }
+        Ok(values)
+    }
+
     /// Reads values from `first` on.
     pub fn read(&self, first: usize, values: &mut [T]) -> Result<()> {
         assert!(first + values.len() <= self.count, "a read stays inside its buffer");

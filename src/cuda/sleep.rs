@@ -40,6 +40,19 @@ pub enum Plan {
     },
 }
 
+/// Who sleeps, as a snapshot has it.
+#[derive(Debug)]
+pub struct Sleepers {
+    acted_on: Vec<u8>,
+    asleep: Vec<u8>,
+    quiet: Vec<u8>,
+    awake: Vec<u32>,
+    watched: Vec<u32>,
+    counts: Vec<u32>,
+    could_sleep: bool,
+    counted: Option<[u32; sleepers::COUNTS]>,
+}
+
 /// Which bricks sleep, on the device.
 #[derive(Debug)]
 pub struct Sleep {
@@ -133,6 +146,32 @@ impl Sleep {
         }
         self.asleep.clear()?;
         self.asleep.write(self.count, &[NOT_THERE])
+    }
+
+    /// Who sleeps now.
+    pub fn sleepers(&self) -> Result<Sleepers> {
+        Ok(Sleepers {
+            acted_on: self.acted_on.all()?,
+            asleep: self.asleep.all()?,
+            quiet: self.quiet.all()?,
+            awake: self.awake.all()?,
+            watched: self.watched.all()?,
+            counts: self.counts.all()?,
+            could_sleep: self.could_sleep,
+            counted: self.counted,
+        })
+    }
+
+    /// Lets those sleep who slept then.
+    pub fn set_sleepers(&mut self, then: &Sleepers) -> Result<()> {
+        self.acted_on.write(0, &then.acted_on)?;
+        self.asleep.write(0, &then.asleep)?;
+        self.quiet.write(0, &then.quiet)?;
+        self.awake.write(0, &then.awake)?;
+        self.watched.write(0, &then.watched)?;
+        self.counts.write(0, &then.counts)?;
+        (self.could_sleep, self.counted) = (then.could_sleep, then.counted);
+        Ok(())
     }
 
     /// What a step counted. Gives how many bricks and nodes are awake.

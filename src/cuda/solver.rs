@@ -3,6 +3,8 @@
 //! A step is one graph: the step's record goes to the device, all substeps follow each other, and the last kernel writes what happened into memory
 //! that the host watches. Nothing else goes to and fro.
 
+mod saved;
+
 use std::cell::RefCell;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -32,7 +34,9 @@ use crate::model::surface::Surface;
 use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
-use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::solver::{
+    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+};
 use crate::trace;
 
 /// Displacement, in cells, at which forces are taken for linear: small against a cell, large against single precision's rounding.
@@ -640,6 +644,14 @@ impl Solver for CudaSolver {
     fn reset(&mut self) {
         let rested = self.rest();
         self.or_lost(rested);
+    }
+
+    fn save(&mut self) -> Result<Saved> {
+        Ok(Box::new(self.state()?))
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.set_state(saved.downcast_ref().ok_or_else(saved_elsewhere)?)
     }
 
     fn node_bytes(&self) -> u64 {

@@ -229,11 +229,12 @@ impl Topology {
         self.crossings.iter().map(|(&edge, &at)| (edge, at))
     }
 
-    /// All cuts so far as one change, without the births.
+    /// All cuts so far as one change, in which copies start from the lattice's own nodes.
     pub fn everything(&self) -> Change {
         let mut change = Change {
             edges: self.crossings.keys().copied().collect(),
             cells: self.cells.keys().copied().collect(),
+            births: self.copies().map(|slot| Birth { slot, from: self.origin(slot) }).collect(),
             ..Change::default()
         };
         change.edges.sort_unstable();

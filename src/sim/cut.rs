@@ -19,10 +19,10 @@ use crate::model::lattice::{BRICK_SLOTS, Lattice, flag};
 use crate::model::surface::Surface;
 
 /// What cuts have left, and where the last one ended.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Cuts {
     pub topology: Topology,
-    margin: Margin,
+    margin: Arc<Margin>,
     /// Edges outside of all tissue, and where they were crossed.
     beyond: HashMap<GridEdge, f64>,
     /// The model's surfaces, cut; none before the first cell is divided, and where there never was one that is closed.
@@ -33,7 +33,7 @@ pub(super) struct Cuts {
 }
 
 /// Where nodes were seen. Model frame.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Seen {
     /// Displacements of all slots at the last look, and at the one before.
     now: Vec<Vec3>,
@@ -62,7 +62,7 @@ impl Cuts {
         let farthest = model.surfaces().iter().map(|surface| reach(surface, lattice)).max();
         Self {
             topology: Topology::new(lattice.slot_count() as u32, capacity),
-            margin: Margin::new(lattice, farthest.unwrap_or_default()),
+            margin: Arc::new(Margin::new(lattice, farthest.unwrap_or_default())),
             beyond: HashMap::new(),
             surfaces: Vec::new(),
             blade: Vec::new(),

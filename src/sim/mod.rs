@@ -3,7 +3,7 @@
 //! A [`Sim`] is driven by its owner, one thread at a time, or by a thread of its own ([`Sim::start`]). A [`ToolPort`] belongs to one servo thread and a [`SurfacePort`] to one
 //! render thread; both may be used while the owner steps, and both outlive the simulation.
 //!
-//! What the owner changes of a simulation that runs on its own thread (gravity, materials, what is held, tools, a reset) is changed under its lock, between two
+//! What the owner changes of a simulation that runs on its own thread (gravity, materials, what is held, tools, a reset or a restore) is changed under its lock, between two
 //! steps. Commands in a ring would return at once, but with nothing to return: errors, ids and counts would come later, as events that the owner would have to
 //! wait for all the same, and what he asks next would be answered out of order. The price is the step in progress, no more than that one even where steps follow
 //! each other without a pause, because the lock is handed over fairly; the thread in turn waits for the command's own work. Servo threads take no lock.
@@ -38,6 +38,7 @@ pub use self::latency::Latency;
 pub use self::parts::Part;
 pub use self::pick::Pick;
 pub use self::removal::Removed;
+pub use self::state::Snapshot;
 pub use self::surface_port::{SurfaceFrame, SurfacePort};
 pub use self::tool_port::{Exchange, ToolPort};
 pub use crate::solver::SurfaceField;
@@ -206,8 +207,9 @@ impl Sim {
     pub fn new(model: Arc<Model>, desc: &SimDesc) -> Result<Self> {
         desc.check()?;
         let (solver, place) = backend::open(&model, desc)?;
+        let desc = SimDesc { backend: place.backend, ..desc.clone() };
         let (told, events) = ring(EVENTS);
-        let state = State::new(model.clone(), desc.clone(), solver, Events::new(told))?;
+        let state = State::new(model.clone(), desc, solver, Events::new(told))?;
         Ok(Self { model, place, state: Arc::new(Mutex::new(Some(state))), events, driver: None })
     }
 
@@ -322,6 +324,24 @@ impl Sim {
     /// simulation whose GPU was lost stays as it is.
     pub fn reset(&mut self) {
         self.with(State::reset);
+    }
+
+    /// Keeps how all is now, in memory: tissue and how it moves, what cuts have made of it, materials, what is held, gravity, loads, where tools and rigid regions are, time and statistics.
+    /// Takes time and memory by the size of the model. Fails for a simulation that has failed.
+    pub fn snapshot(&self) -> Result<Snapshot> {
+        self.with(State::snapshot)
+    }
+
+    /// Makes all what it was at a snapshot of this simulation, or of another one of the same model that was described alike; [`SimDesc::threads`], gravity and which GPU it is may differ. From there the simulation
+    /// goes on as it did then: to the last bit, on a GPU of the same kind, for the same motions of its tools and drives of its regions.
+    ///
+    /// Tools and ports live on. A tool stands where the one with its id and shape did and goes from there, in the next step, to where it was asked to be last; what it held it holds again. One that was not there then
+    /// is put in anew. Tools are without force until that step, and devices feel nothing until they engage anew. Surfaces that change count as changed by a cut. Loads have the ids of then.
+    ///
+    /// A snapshot of another model, or of a simulation described otherwise, is refused with [`Error::Argument`], and nothing changes. Where a GPU has too little memory left, [`Error::Limit`], steps fail
+    /// until a [`Self::reset`] or another restore.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
+        self.with(|state| state.restore(snapshot))
     }
 
     /// Changes gravity, world frame, m/s².

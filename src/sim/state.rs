@@ -1,11 +1,13 @@
 //! What a simulation consists of besides its model, and how it takes a step.
 
 mod change;
+mod snapshot;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+pub use self::snapshot::Snapshot;
 use super::body::Body;
 use super::carried::{Carried, Mobility, is_held};
 use super::cut::{Cuts, flags_of, no_room};
@@ -13,7 +15,7 @@ use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
 use super::reach::reached;
-use super::tool_port::{self, Felt, ToolEnd, ToolPort};
+use super::tool_port::{self, Asked, Felt, ToolEnd, ToolPort};
 use super::{LoadId, MAX_SUBSTEPS, MAX_TOOLS, NodeField, SimDesc, ToolId};
 use crate::cpu::stability::strain_factor;
 use crate::cut::cell::Piece;
@@ -270,9 +272,7 @@ impl State {
         self.forget_plan();
         self.regions.clear();
         for index in 0..self.tools.len() {
-            // Tissue that is put back around a tool would be caught on it, and no spring pulls that off: a device's comes in again as it did before.
-            let tool = &self.tools[index];
-            let outside = tool.entered.filter(|at| self.is_clear(tool, &at.motion.pose)).or(tool.began);
+            let outside = self.outside(&self.tools[index]);
             let tool = &mut self.tools[index];
             tool.stands = outside.or(tool.stands);
             tool.is_refused = false;
@@ -281,10 +281,16 @@ impl State {
         self.note_substeps();
     }
 
-    /// Whether no node that is where it belongs would be in a tool.
+    /// Where a tool with a device comes in again once tissue was put back, as it did before: around a tool tissue would be caught on it, and no spring pulls that off.
+    fn outside(&self, tool: &ToolEnd) -> Option<Asked> {
+        tool.entered.filter(|at| self.is_clear(tool, &at.motion.pose)).or(tool.began)
+    }
+
+    /// Whether no node is in a tool.
     fn is_clear(&self, tool: &ToolEnd, pose: &Pose) -> bool {
         let (lattice, pose) = (self.model.lattice(), self.model.frame().inverse() * pose);
-        let place = |slot| pose.inverse_transform_point(&lattice.rest_position(slot).into()).coords;
+        let at = |slot: u32| lattice.rest_position(slot) + self.solver.displacement(slot);
+        let place = |slot| pose.inverse_transform_point(&at(slot).into()).coords;
         lattice.slots().all(|slot| tool.desc.distance(place(slot)).distance > 0.0)
     }
 

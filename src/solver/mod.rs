@@ -6,10 +6,11 @@ pub mod method;
 pub mod statistics;
 pub mod tool;
 
+use std::any::Any;
 use std::sync::Arc;
 
 use crate::cut::topology::{Change, Topology};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
 use crate::model::law::CellLaw;
 use crate::model::surface::Surface;
@@ -133,6 +134,14 @@ pub enum SurfaceField {
     Strain,
 }
 
+/// What a solver has saved, for itself and for others of its kind on the same model that have as much room.
+pub type Saved = Box<dyn Any + Send + Sync>;
+
+/// Why a solver cannot take up what was saved.
+pub fn saved_elsewhere() -> Error {
+    Error::Defect("a solver of another kind has saved this".into())
+}
+
 /// A backend that holds the state of one simulation and advances it.
 ///
 /// Coarse on purpose: everything hot lies behind [`Self::advance`], so that a backend may fuse as it likes.
@@ -192,14 +201,21 @@ pub trait Solver: Send + std::fmt::Debug {
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's. [`Self::set_flags`] with
-    /// those of all copies follows. Fails when the device is lost, or has no room.
+    /// those of all copies, or [`Self::restore`], follows. Fails when the device is lost, or has no room.
     fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()>;
 
-    /// Forgets all cuts; [`Self::reset`] follows. Fails when the device is lost.
+    /// Forgets all cuts; [`Self::reset`] or [`Self::restore`] follows. Fails when the device is lost.
     fn heal(&mut self) -> Result<()>;
 
     /// Back to rest.
     fn reset(&mut self);
+
+    /// Copies what it takes to go on from here to the last bit, besides laws, cuts and surfaces. Fails when the device is lost.
+    fn save(&mut self) -> Result<Saved>;
+
+    /// Goes on from what was saved. The cuts and the laws of then are in force already: [`Self::heal`], [`Self::cut`] with all cuts at once, and [`Self::set_laws`] came before. Fails
+    /// when the device is lost, or has no room.
+    fn restore(&mut self, saved: &Saved) -> Result<()>;
 
     /// Bytes resident for the state and topology of nodes, the model's part included.
     fn node_bytes(&self) -> u64;

@@ -315,7 +315,10 @@ fn a_cut_on_a_gpu_is_seen_and_touched_as_on_the_processor() {
         let touched = [0, 1].map(|i| sims[i].contacts(tools[i].id()).unwrap());
         let rim = SAME_TIP_FORCE * largest(&sims[0].nodes(NodeField::Displacement));
         let deep = touched.each_ref().map(|all| all.iter().filter(|point| point.depth_m > rim).count());
-        assert!(deep[0] > 0 && deep.into_iter().zip([1, 0]).all(|(deep, other)| deep <= touched[other].len()), "{what}: {deep:?}");
+        assert!(
+            deep[0] > 0 && deep.into_iter().zip([1, 0]).all(|(deep, other)| deep <= touched[other].len()),
+            "{what}: {deep:?}"
+        );
         // And whole again.
         sims.iter_mut().for_each(Sim::reset);
         let [cpu, gpu, _] = ports.each_mut().map(|port| port.map().unwrap());

@@ -60,6 +60,12 @@ pub struct plp_surface {
     _opaque: [u8; 0],
 }
 
+/// What a simulation was at one instant. Immutable; any number of threads and simulations may share it.
+#[derive(Debug)]
+pub struct plp_snapshot {
+    _opaque: [u8; 0],
+}
+
 // ---- Geometry
 // --------------------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,7 @@ use crate::model::lattice::Lattice;
 use crate::solver::method::Rows;
 
 /// The rows of cells that have rows, by the slots where they start.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct CellRows(HashMap<u32, Vec<PieceRow>>);
 
 /// The row of a piece.

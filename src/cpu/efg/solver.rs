@@ -3,6 +3,8 @@
 //! In each step all threads turn the cells' frames and build the system; one thread alone looks for contact; all solve it, which is
 //! done again where contact answered otherwise than it was asked; then nodes move.
 
+mod saved;
+
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -30,7 +32,9 @@ use crate::solver::load::NodalLoads;
 use crate::solver::method::{EfgDesc, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
-use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum};
+use crate::solver::{
+    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum, saved_elsewhere,
+};
 
 /// Bricks of a run: with fewer, cells before a run's first brick are evaluated too often; with more, threads find no work.
 const RUN: usize = 16;
@@ -494,6 +498,15 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.contact.clear();
         self.contact.lose_track();
         self.fastest = 0.0;
+    }
+
+    fn save(&mut self) -> Result<Saved> {
+        Ok(Box::new(self.state()))
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.set_state(saved.downcast_ref().ok_or_else(saved_elsewhere)?);
+        Ok(())
     }
 
     fn node_bytes(&self) -> u64 {

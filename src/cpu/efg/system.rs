@@ -9,6 +9,8 @@
 //! That is backward Euler (Baraff and Witkin 1998), once linearised. [`Scheme::Paper`] has b = A v₀ + dt (…) instead, as Magnoux and Ozell print it: the forces
 //! at the start of the step act with a mass that grows with stiffness. That is stable as well, but damps nothing.
 
+pub mod saved;
+
 use std::ops::Range;
 
 use super::super::lanes::{Lanes, Octet, Real};

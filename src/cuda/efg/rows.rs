@@ -34,6 +34,14 @@ pub struct Rows<R> {
     pub given: Buffer<[R; 3]>,
 }
 
+/// Rows in the order that cuts have given them, by which nodes gather, and how their cells are turned.
+#[derive(Debug)]
+pub struct SavedRows<R> {
+    rows: RowTable,
+    of_cells: CellRows,
+    rotations: Vec<R>,
+}
+
 impl<R: Number> Rows<R> {
     /// All rows before any cut, their cells at rest, and room for as many more as there is for copies of nodes. Cells that have one are none of the bricks' own any more.
     pub fn new(bricks: &mut Bricks, which: method::Rows, stream: &Arc<Stream>) -> Result<Self> {
@@ -104,6 +112,25 @@ impl<R: Number> Rows<R> {
     pub fn heal(&mut self, bricks: &mut Bricks) -> Result<()> {
         (self.rows, self.of_cells) = CellRows::uncut(bricks, self.which)?;
         self.table = Table::default();
+        self.upload(bricks)
+    }
+
+    /// Copies what later steps read.
+    pub fn save(&self) -> Result<SavedRows<R>> {
+        Ok(SavedRows {
+            rows: self.rows.clone(),
+            of_cells: self.of_cells.clone(),
+            rotations: self.rotations.all()?,
+        })
+    }
+
+    /// Goes on from there.
+    pub fn restore(&mut self, saved: &SavedRows<R>, bricks: &Bricks) -> Result<()> {
+        self.rows.clone_from(&saved.rows);
+        self.rows.touch_all();
+        self.of_cells.clone_from(&saved.of_cells);
+        self.table = Table::default();
+        self.rotations.write(0, &saved.rotations)?;
         self.upload(bricks)
     }
 

@@ -3,6 +3,8 @@
 //! A step's record goes to the device, sites are listed where the last list is no longer good, one kernel takes the step, and its last block writes what
 //! happened into memory that the host watches. Nothing else goes to and fro.
 
+mod saved;
+
 use std::cell::RefCell;
 use std::sync::Arc;
 
@@ -33,7 +35,9 @@ use crate::sim::MAX_TOOLS;
 use crate::solver::method::{EfgDesc, Elasticity, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
-use crate::solver::{Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum};
+use crate::solver::{
+    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+};
 use crate::trace;
 
 /// A simulation's state on a GPU.
@@ -457,6 +461,14 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     fn reset(&mut self) {
         let rested = self.rest();
         self.or_lost(rested);
+    }
+
+    fn save(&mut self) -> Result<Saved> {
+        Ok(Box::new(self.state()?))
+    }
+
+    fn restore(&mut self, saved: &Saved) -> Result<()> {
+        self.set_state(saved.downcast_ref().ok_or_else(saved_elsewhere)?)
     }
 
     fn node_bytes(&self) -> u64 {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use cudarc::driver::sys::CUdeviceptr;
 
 use super::Number;
-use super::rows::Rows;
+use super::rows::{Rows, SavedRows};
 use crate::cuda::body::Body;
 use crate::cuda::cut::{Cutter, Fields};
 use crate::cuda::kept::Kept;
@@ -61,6 +61,16 @@ pub struct State<R> {
     sides: Sides,
     cutter: Cutter,
     started: Buffer<u64>,
+}
+
+/// What steps have written that later ones read.
+#[derive(Debug)]
+pub struct SavedState<R> {
+    u: Vec<R>,
+    v: Vec<R>,
+    shown: Vec<[f32; 4]>,
+    rotations: Vec<R>,
+    rows: SavedRows<R>,
 }
 
 /// Numbers of all bricks, each of which has `numbers` for each of its nodes: 1 where `is_one` says so.
@@ -196,6 +206,28 @@ impl<R: Number> State<R> {
         self.set_masses(body)?;
         self.bricks = body.bricks_for(0);
         Ok(())
+    }
+
+    /// Copies what later steps read.
+    pub fn save(&self) -> Result<SavedState<R>> {
+        Ok(SavedState {
+            u: self.u.all()?,
+            v: self.v.all()?,
+            shown: self.shown.all()?,
+            rotations: self.rotations.all()?,
+            rows: self.rows.save()?,
+        })
+    }
+
+    /// Goes on from there: the cuts and the laws of then are in force.
+    pub fn restore(&mut self, saved: &SavedState<R>, body: &Body) -> Result<()> {
+        self.u.write(0, &saved.u)?;
+        self.v.write(0, &saved.v)?;
+        self.shown.write(0, &saved.shown)?;
+        self.rotations.write(0, &saved.rotations)?;
+        self.rows.restore(&saved.rows, &body.bricks)?;
+        // Masses add up in the order of the rows.
+        self.set_laws(body)
     }
 
     /// Moduli, and what a step makes of each material's.

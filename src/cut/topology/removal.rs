@@ -31,6 +31,17 @@ impl Topology {
         self.removed.iter().copied()
     }
 
+    /// All cuts and removals so far as one change, as [`Self::everything`] tells the cuts.
+    pub fn everything_and_removed(&self, lattice: &Lattice) -> Change {
+        let removed: BTreeSet<u32> = self.removed().collect();
+        let emptied: BTreeSet<u32> = removed.iter().flat_map(|&node| cells_at(lattice, node)).collect();
+        Change {
+            removed: removed.into_iter().collect(),
+            emptied: emptied.into_iter().collect(),
+            ..self.everything()
+        }
+    }
+
     /// Slots on which nothing hangs any more: nodes of the lattice, and copies that are there.
     pub fn vacant(&self) -> HashSet<u32> {
         let mut vacant = self.removed.clone();

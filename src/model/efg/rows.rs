@@ -208,6 +208,11 @@ impl RowTable {
         }
     }
 
+    /// All rows count as changed: none has been copied to where this table is needed.
+    pub fn touch_all(&mut self) {
+        self.is_dirty.fill(true);
+    }
+
     /// The rows of batches that changed since the last call, batch by batch.
     pub fn take_changed(&mut self) -> Vec<Range<usize>> {
         let rows = self.len();

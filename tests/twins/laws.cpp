@@ -70,6 +70,11 @@ struct Tool {
 // Arguments are taken one by one: those of a call are evaluated in any order.
 const Law LAWS[] = {
     {"float elongation", [](In& in) { const float length2 = in.number(), rest = in.number(); give(elongation(length2, rest)); }},
+    {"float sliver_damping",
+     [](In& in) {
+         const float spring = in.number(), corner = in.number(), share = in.number();
+         give(sliver_damping(spring, corner, share));
+     }},
     {"float minor",
      [](In& in) {
          const float a = in.number(), d = in.number(), b = in.number(), c = in.number();

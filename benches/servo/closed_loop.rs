@@ -161,6 +161,7 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
     let ball = ToolDesc { friction: FRICTION, ..ToolDesc::sphere(RADIUS_M) };
     let mut port = sim.add_haptic_tool(&ball, &device, &ServoOptions::of(&device))?;
 
+    let started = Instant::now();
     sim.start(ThreadDesc::default())?;
     let seconds = options.seconds;
     let (mut figure, port) = std::thread::scope(|scope| {
@@ -171,6 +172,7 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
         thread.join().map_err(|_| Error::Defect("the servo thread panicked".into()))
     })?;
     sim.stop()?;
+    let ran_s = started.elapsed().as_secs_f64();
     while let Some(event) = sim.poll_event() {
         figure.servo_silent_events += u64::from(matches!(event, Event::ServoSilent { .. }));
         if let Event::Diverged { time_s } = event {
@@ -191,7 +193,7 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
         step_p99_us: latency.quantile_s(0.99) * 1e6,
         step_max_us: latency.max_s() * 1e6,
         step_device_us: statistics.step_device_s * 1e6,
-        rtf: statistics.time_s / (seconds + ENGAGES_S),
+        rtf: statistics.time_s / ran_s,
         substeps: statistics.substeps_per_step,
         overruns: statistics.overruns,
         dropped_s: statistics.dropped_s,

@@ -11,8 +11,16 @@ use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::{NodeField, Precision, Sim, SimDesc};
 use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 
+#[path = "cutting/behind.rs"]
+mod behind;
 #[path = "cutting/blade.rs"]
 mod blade;
+#[path = "cutting/bone.rs"]
+mod bone;
+#[path = "cutting/cantilever.rs"]
+mod cantilever;
+#[path = "cutting/limits.rs"]
+mod limits;
 #[path = "cutting/opening.rs"]
 mod opening;
 #[path = "cutting/random.rs"]
@@ -24,6 +32,8 @@ mod surface;
 
 const CELL_M: f64 = 2e-3;
 const DENSITY_KG_M3: f64 = 1000.0;
+const YOUNG_PA: f64 = 5e3;
+const POISSON: f64 = 0.4;
 /// What rounding and the floors of the volume of tiny pieces leave of a mass or a volume.
 const EXACT: f64 = 1e-9;
 
@@ -37,7 +47,7 @@ fn beam(cells: [usize; 3], is_held: bool) -> Arc<Model> {
     let middle = Pose::translation(0.5 * CELL_M, 0.5 * CELL_M, 0.5 * CELL_M);
     let labels = vec![1; cells.iter().product()];
     let mut build = Build::new(LabelGrid::new(cells, Vec3::repeat(CELL_M), middle, labels).unwrap());
-    let tissue = Material::new("tissue", 5e3, 0.4, DENSITY_KG_M3).unwrap();
+    let tissue = Material::new("tissue", YOUNG_PA, POISSON, DENSITY_KG_M3).unwrap();
     build.uses = BTreeMap::from([(1, LabelUse::Tissue(tissue))]);
     if is_held {
         let half_extents = Vec3::new(0.1 * CELL_M, 1.0, 1.0);

@@ -540,7 +540,7 @@ impl<R: CpuReal> Core<R> {
         let Nodes { u, u_next, v, v_next } = &mut self.nodes;
         let v = v_next.as_mut().unwrap_or(v);
         let mut furthest = 0.0_f64;
-        for &slot in &model.regions()[&region.label] {
+        for &slot in region.nodes.iter() {
             let rest = model.lattice().rest_position(slot);
             let moved = pose.transform_point(&rest.into()).coords - rest;
             let way = moved - u.vec3(slot);
@@ -565,8 +565,7 @@ impl<R: CpuReal> Core<R> {
         let Self { bricks, marks, sleep, contact, nodes, pieces, .. } = self;
         let brick_of = |slot: u32| slot / BRICK_SLOTS as u32;
         let loaded = plan.loads.iter().flat_map(NodalLoads::slots);
-        let model = bricks.model.clone();
-        let driven = plan.regions.iter().flat_map(|region| model.regions()[&region.label].iter().copied());
+        let driven = plan.regions.iter().flat_map(|region| region.nodes.iter().copied());
         let grasped = plan.tools.iter().flat_map(|tool| tool.grasped.iter().map(|(slot, _)| *slot));
         let held = plan.tools.iter().flat_map(|tool| tool.held.iter().flat_map(|held| held.nodes));
         let acted_on = loaded.chain(driven).chain(grasped).chain(held).map(brick_of);

@@ -101,7 +101,7 @@ impl State {
         removed
     }
 
-    /// Has tools let go of nodes that are gone.
+    /// Has tools and regions let go of nodes that are gone.
     fn let_go_of(&mut self, nodes: &BTreeSet<u32>) {
         for tool in &mut self.tools {
             if tool.grasped.iter().any(|(slot, _)| nodes.contains(slot)) {
@@ -110,6 +110,11 @@ impl State {
             }
         }
         self.body.set_grasped(nodes.iter().copied(), false);
+        for region in self.regions.values_mut() {
+            if region.nodes.iter().any(|slot| nodes.contains(slot)) {
+                region.nodes = region.nodes.iter().filter(|slot| !nodes.contains(slot)).copied().collect();
+            }
+        }
     }
 }
 

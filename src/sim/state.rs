@@ -47,6 +47,16 @@ const SETTLE_BLOCK_IMPLICIT: u32 = 3;
 /// Contact points from which the stiffness of a tool's contact is told; of more, the first.
 const MAX_TOUCHED: usize = 1024;
 
+/// A rigid region that is driven.
+#[derive(Clone, Debug)]
+pub(super) struct DrivenRegion {
+    /// Its nodes, but for those whose tissue was removed.
+    pub nodes: Arc<[u32]>,
+    /// The transform from its rest place, world frame: where it is, and where the next step takes it.
+    from: Pose,
+    to: Pose,
+}
+
 /// A simulation's state.
 #[derive(Debug)]
 pub(super) struct State {
@@ -57,8 +67,8 @@ pub(super) struct State {
     pub(super) tools: Vec<ToolEnd>,
     load_ids: Vec<LoadId>,
     loads: Vec<NodalLoads>,
-    /// Motions of rigid regions from their rest places, world frame: where they are, and where the next step takes them.
-    regions: BTreeMap<u16, (Pose, Pose)>,
+    /// Rigid regions that were driven since all was at rest, by their labels.
+    pub(super) regions: BTreeMap<u16, DrivenRegion>,
     next_id: u64,
     pub(super) body: Body,
     report: StepReport,
@@ -313,10 +323,16 @@ impl State {
     }
 
     pub fn drive_region(&mut self, label: u16, motion: &Pose) -> Result<()> {
-        if !self.model.regions().contains_key(&label) {
+        let Some(nodes) = self.model.regions().get(&label) else {
             return Err(Error::argument(format!("label {label} is no rigid region of this model")));
-        }
-        self.regions.entry(label).or_insert((Pose::identity(), *motion)).1 = *motion;
+        };
+        let is_left = |slot: &u32| self.cuts.as_ref().is_none_or(|cuts| !cuts.topology.is_removed(*slot));
+        let driven = || DrivenRegion {
+            nodes: nodes.iter().copied().filter(is_left).collect(),
+            from: Pose::identity(),
+            to: *motion,
+        };
+        self.regions.entry(label).or_insert_with(driven).to = *motion;
         Ok(())
     }
 
@@ -507,11 +523,12 @@ impl State {
         let frame = self.model.frame();
         let to_model = |motion: &Pose| frame.inverse() * motion * frame;
         self.moved_regions.clear();
-        let moved = self.regions.iter().filter(|(_, (from, to))| from != to);
-        self.moved_regions.extend(moved.map(|(&label, (from, to))| RegionStep {
-            label,
-            from: to_model(from),
-            to: to_model(to),
+        let is_moved = |region: &&DrivenRegion| region.from != region.to && !region.nodes.is_empty();
+        let moved = self.regions.values().filter(is_moved);
+        self.moved_regions.extend(moved.map(|region| RegionStep {
+            nodes: region.nodes.clone(),
+            from: to_model(&region.from),
+            to: to_model(&region.to),
         }));
         let plan = StepPlan {
             substeps,
@@ -531,7 +548,7 @@ impl State {
         let advanced = self.solver.advance(&plan, &mut self.sums);
         self.report = self.heed(advanced)?;
         for region in self.regions.values_mut() {
-            region.0 = region.1;
+            region.from = region.to;
         }
 
         let (report, statistics) = (&self.report, &mut self.statistics);

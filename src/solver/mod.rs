@@ -58,10 +58,10 @@ pub struct ToolStep {
 }
 
 /// A rigid region during one step: the transform from its rest place.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct RegionStep {
-    /// Its label.
-    pub label: u16,
+    /// Slots of its nodes, but for those whose tissue was removed, ascending. The same list as long as they are the same.
+    pub nodes: Arc<[u32]>,
     /// The transform at the start.
     pub from: Pose,
     /// The transform at the end.

@@ -297,7 +297,7 @@ impl<R: EfgReal> EfgSolver<R> {
 fn for_each_held(model: &Model, plan: &StepPlan, t: f64, mut visit: impl FnMut(Option<usize>, u32, Vec3)) {
     for region in plan.regions {
         let pose = region.at(t);
-        for &slot in &model.regions()[&region.label] {
+        for &slot in region.nodes.iter() {
             let rest = model.lattice().rest_position(slot);
             visit(None, slot, pose.transform_point(&rest.into()).coords - rest);
         }

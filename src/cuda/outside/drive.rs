@@ -16,8 +16,8 @@ use crate::solver::{RegionStep, StepPlan};
 pub struct Drives {
     model: Arc<Model>,
     stream: Arc<Stream>,
-    /// The regions whose nodes are listed.
-    labels: Vec<u16>,
+    /// The nodes of each region that are listed.
+    listed: Vec<Arc<[u32]>>,
     nodes: Buffer<Driven>,
     count: u32,
     /// The furthest of them from the model frame's origin, in m.
@@ -33,7 +33,7 @@ impl Drives {
         Ok(Self {
             model: model.clone(),
             stream: stream.clone(),
-            labels: Vec::new(),
+            listed: Vec::new(),
             nodes: Buffer::zeros(stream, 0)?,
             count: 0,
             reach: 0.0,
@@ -43,13 +43,14 @@ impl Drives {
     }
 
     /// The device's record of the regions that move in a step, and how far a node of theirs goes at most, in m. Does not wait, unless other
-    /// regions move than last time.
+    /// nodes move than last time.
     pub fn prepare(&mut self, plan: &StepPlan) -> Result<(layout::Drive, f64)> {
         let regions = plan.regions;
         if regions.is_empty() {
             return Ok(Default::default());
         }
-        if !self.labels.iter().eq(regions.iter().map(|region| &region.label)) {
+        let is_listed = |(listed, region): (&Arc<[u32]>, &RegionStep)| Arc::ptr_eq(listed, &region.nodes);
+        if self.listed.len() != regions.len() || !self.listed.iter().zip(regions).all(is_listed) {
             self.list(regions)?;
         }
         let substeps = plan.substeps as usize;
@@ -85,14 +86,14 @@ impl Drives {
         let rest = |slot: u32| lattice.rest_position(slot);
         let mut nodes = BTreeMap::new();
         for (place, region) in (0..).zip(regions) {
-            let slots = self.model.regions()[&region.label].iter();
+            let slots = region.nodes.iter();
             nodes.extend(slots.map(|&slot| (slot, Driven::of(slot, rest(slot), place))));
         }
         self.reach = nodes.keys().map(|&slot| rest(slot)).map(|at: Vec3| at.norm()).fold(0.0, f64::max);
         self.count = nodes.len() as u32;
         self.nodes.replace(&nodes.into_values().collect::<Vec<_>>())?;
-        self.labels.clear();
-        self.labels.extend(regions.iter().map(|region| region.label));
+        self.listed.clear();
+        self.listed.extend(regions.iter().map(|region| region.nodes.clone()));
         Ok(())
     }
 }

@@ -5,7 +5,7 @@ use std::mem::discriminant;
 use std::sync::Arc;
 
 use super::{
-    Body, Cuts, LoadId, NodalLoads, Pose, SimDesc, State, Statistics, StepReport, ToolDesc, ToolEnd,
+    Body, Cuts, DrivenRegion, LoadId, NodalLoads, SimDesc, State, Statistics, StepReport, ToolDesc, ToolEnd,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -31,7 +31,7 @@ pub struct Snapshot {
     tools: Vec<SavedTool>,
     load_ids: Vec<LoadId>,
     loads: Vec<NodalLoads>,
-    regions: BTreeMap<u16, (Pose, Pose)>,
+    regions: BTreeMap<u16, DrivenRegion>,
     next_id: u64,
     cuts: Option<Cuts>,
     surfaces: Vec<Arc<Surface>>,

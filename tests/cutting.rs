@@ -13,6 +13,8 @@ use palpate::solver::method::{EfgDesc, Elasticity, Method, Rows, Scheme};
 
 #[path = "cutting/blade.rs"]
 mod blade;
+#[path = "support/closed.rs"]
+mod closed;
 #[path = "cutting/opening.rs"]
 mod opening;
 #[path = "cutting/random.rs"]

@@ -29,10 +29,14 @@ pub use picture::SIZE;
 use record::{Record, Step};
 use stage::Stage;
 
+/// Share of the blade's way after which the second picture is taken.
+const DURING: f64 = 0.75;
+
 fn main() -> ExitCode {
     match run(&Options::parse()) {
         Ok(done) => {
             println!("{}", done.record.table(&done.stage.sim.place().to_string()));
+            println!("parts: {} before, {} after", done.parts_before.len(), done.stage.sim.parts().len());
             ExitCode::SUCCESS
         }
         Err(error) => {
@@ -62,9 +66,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<Done> {
         Subject::Tumour => (tumour::scene(options.cell_mm * 1e-3, options.toughness)?, tumour::VIEW),
     };
     let steps = (scene.seconds() / options.step_s()).round() as u32;
-    // Before, in the middle of the cut, and at the end.
-    let during = ((scene.rest_s + 0.5 * scene.cut_s) / options.step_s()) as u32;
-    let mut stage = Stage::new(scene, options.desc())?;
+    // Before, when most is cut, and at the end.
+    let during = ((scene.rest_s + DURING * scene.cut_s) / options.step_s()) as u32;
+    let mut stage = Stage::new(scene, &options.desc())?;
     let parts_before = stage.sim.parts();
 
     let mut record = Record::new(&stage.scene.model);

@@ -10,7 +10,7 @@ use super::drawing::colour::{Colour, of_material, to_linear};
 use super::drawing::light::Light;
 use super::drawing::raster::{Kind, Mesh, Raster, Vertex};
 use super::drawing::solid;
-use super::scene::{GRASPER_M, Lift, Scene, View};
+use super::scene::{GRASPER_M, Scene, View};
 
 /// Size of the pictures in pixels.
 pub const SIZE: [usize; 2] = [1400, 1050];
@@ -100,11 +100,7 @@ pub fn draw(
     bounds: &[Moment],
     [width, height]: [usize; 2],
 ) -> anyhow::Result<Canvas> {
-    // What is taken out may leave crumbs that fly anywhere: only the body and where its part goes must fit in.
-    let bodies: Vec<Vec3> = match scene.lift {
-        None => bounds.iter().flat_map(|moment| &moment.positions).copied().collect(),
-        Some(Lift { at, way, .. }) => bounds[0].positions.iter().copied().chain([at + way]).collect(),
-    };
+    let bodies: Vec<Vec3> = bounds.iter().flat_map(|moment| &moment.positions).copied().collect();
     let meshes = moment.meshes(scene);
     let (w, h) = (2.0 * width as f64, 2.0 * height as f64);
     let window = Window { left: 0.06 * w, top: 0.14 * h, width: 0.88 * w, height: 0.80 * h };

@@ -68,16 +68,6 @@ impl Record {
         self.steps.push(step);
     }
 
-    /// Cells that were divided.
-    pub fn divided(&self) -> usize {
-        self.steps.last().map_or(0, |step| step.cells)
-    }
-
-    /// The largest force on the blade in N.
-    pub fn peak_n(&self) -> f64 {
-        self.steps.iter().map(|step| step.force_n).fold(0.0, f64::max)
-    }
-
     /// A table: steps before, during and after the cut side by side.
     pub fn table(&self, place: &str) -> Table {
         let all = [Phase::Before, Phase::Cut, Phase::After]

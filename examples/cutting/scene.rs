@@ -5,6 +5,7 @@ use std::sync::Arc;
 use palpate::math::{Pose, Vec3};
 use palpate::model::Model;
 use palpate::solver::blade::Blade;
+use serde::Serialize;
 
 /// A scene.
 pub struct Scene {
@@ -37,7 +38,8 @@ pub struct View {
 }
 
 /// Where the blade is: still before its way, on it, or at its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Phase {
     Before,
     Cut,

@@ -22,12 +22,12 @@ pub struct Stage {
 
 impl Stage {
     /// Before the first step. `desc` says all that the scene leaves open.
-    pub fn new(scene: Scene, desc: SimDesc) -> Result<Self> {
+    pub fn new(scene: Scene, desc: &SimDesc) -> Result<Self> {
         let desc = SimDesc {
             gravity_m_s2: scene.gravity_m_s2,
             rest_under_gravity: scene.rests_under_gravity,
             cut_nodes: scene.cut_nodes,
-            ..desc
+            ..desc.clone()
         };
         let mut sim = Sim::new(scene.model.clone(), &desc)?;
         let surface = sim.open_surface(0)?;

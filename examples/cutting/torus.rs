@@ -9,7 +9,7 @@ use palpate::solver::blade::Blade;
 mod body;
 
 use super::scene::{Scene, View};
-use body::{RING_M, TUBE_M};
+pub use body::{RING_M, TUBE_M};
 
 /// Room beside the tissue, in m.
 const ASIDE_M: f64 = 0.012;
@@ -37,7 +37,7 @@ pub struct Torus {
 
 impl Default for Torus {
     fn default() -> Self {
-        Self { cells: 6000, triangles: 11_520, young_kpa: 8.0, toughness_j_m2: 5.0 }
+        Self { cells: 6000, triangles: 11_520, young_kpa: 8.0, toughness_j_m2: 1.0 }
     }
 }
 

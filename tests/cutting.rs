@@ -21,6 +21,8 @@ mod bone;
 mod cantilever;
 #[path = "cutting/limits.rs"]
 mod limits;
+#[path = "support/closed.rs"]
+mod closed;
 #[path = "cutting/opening.rs"]
 mod opening;
 #[path = "cutting/random.rs"]

@@ -60,7 +60,7 @@ pack() {
     done < <(grep -rl 'has_gpu(' tests --include='*.rs' | sed 's|^tests/||; s|/.*||; s|\.rs$||' | grep -vx support | sort -u)
     rm -rf "$folder"
     built "$folder/tests" test "${targets[@]}"
-    built "$folder/benches" bench --bench lattice --bench efg
+    built "$folder/benches" bench --bench lattice --bench efg --bench cutting
     for pair in "${sanitized[@]}" "$raced" "$raced_implicit"; do
         "$folder/tests/${pair%%:*}" --list | grep -x "${pair#*:}: test" >/dev/null || fail "there is no test $pair"
     done
@@ -125,6 +125,11 @@ run_benches() {
         attempt "bench-efg-$precision" "$here/benches/efg" --backend cuda --json --precision "$precision" \
             --cells 1000 --cells 8000 --cells 80000 --cells 1000000
     done
+    local model
+    for model in efg lattice; do
+        attempt "bench-cutting-$model" "$here/benches/cutting" --backend cuda --json --model "$model" --figure torus --figure servo --figure anew
+    done
+    attempt bench-cutting-thorax "$here/benches/cutting" --backend cuda --json --figure thorax
 }
 
 # The value of a key in a JSON line, cut to what a table can show; nothing where it is absent.

@@ -37,6 +37,12 @@ pub enum Arithmetic {
 }
 
 impl Machine {
+    /// Beside a servo thread: on the processor, all cores but the one that it needs where the command line says nothing.
+    pub fn beside_servo(&self) -> Self {
+        let threads = if self.threads == 0 { (cores() - 1).max(1) } else { self.threads };
+        Self { threads, ..self.clone() }
+    }
+
     /// A simulation there, all else as by default.
     pub fn desc(&self) -> SimDesc {
         SimDesc {

@@ -17,14 +17,13 @@ use palpate::solver::tool::ToolDesc;
 use serde::Serialize;
 
 use super::common::anatomy::{self, Anatomy, FRONT, LUNG, softest};
+use super::common::clock::wait_until;
 use super::common::table::quantile;
 use super::haptic_device::{Body, Hand, HapticDevice};
 use super::options::Options;
 use super::report::{Figure, Report, columns};
 
 const TICK_S: f64 = 1e-3;
-/// The clock is waited for by sleeping up to so long before a tick, and by looking at it from then on.
-const AWAKE_S: f64 = 2e-4;
 /// Cells of the lungs, in m, and the cap on their vessels, in Pa.
 const CELL_M: f64 = 4.5e-3;
 const YOUNG_CAP_PA: f64 = 20e3;
@@ -206,17 +205,6 @@ fn measure(labels: &std::path::Path, options: &Options) -> Result<ClosedLoop> {
 fn wish(surface: Vec3, time_s: f64) -> Vec3 {
     let phase = std::f64::consts::TAU * PACE_HZ * (time_s - ENGAGES_S).max(0.0);
     surface + FRONT * (GAP_M - 0.5 * (GAP_M + DEPTH_M) * (1.0 - phase.cos()))
-}
-
-/// Waits for a time on the clock.
-fn wait_until(due: Instant) {
-    let left = due.saturating_duration_since(Instant::now());
-    if left > Duration::from_secs_f64(AWAKE_S) {
-        std::thread::sleep(left - Duration::from_secs_f64(AWAKE_S));
-    }
-    while Instant::now() < due {
-        std::hint::spin_loop();
-    }
 }
 
 fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) -> ClosedLoop {

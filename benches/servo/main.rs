@@ -38,7 +38,6 @@ mod options;
 mod prediction;
 #[path = "../../tests/support/block.rs"]
 mod pressed_block;
-mod report;
 mod stability;
 mod stability_plot;
 mod through_c;
@@ -46,8 +45,8 @@ mod timer;
 
 use self::common::allocations;
 use self::common::place::Place;
+use self::common::report::{self, Report};
 use self::options::{FigureName, Options};
-use self::report::Report;
 
 #[global_allocator]
 static ALLOCATOR: allocations::Counting = allocations::Counting;

@@ -54,10 +54,8 @@ impl Options {
         if self.figures.is_empty() { FigureName::value_variants().to_vec() } else { self.figures.clone() }
     }
 
-    /// Where the simulation runs: on the processor, all cores but the one that the servo thread needs.
+    /// Where the simulation runs.
     pub fn machine(&self) -> Machine {
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
-        let threads = if self.machine.threads == 0 { (cores - 1).max(1) } else { self.machine.threads };
-        Machine { threads, ..self.machine.clone() }
+        self.machine.beside_servo()
     }
 }

@@ -7,7 +7,7 @@ use anyhow::Context;
 use gif::{Encoder, Frame, Repeat};
 
 use super::picture::{self, Moment};
-use super::scene::Scene;
+use super::scene::{Scene, View};
 
 /// Size of a picture in pixels.
 const SIZE: [usize; 2] = [560, 420];
@@ -41,7 +41,7 @@ impl Film {
     }
 
     /// Draws and writes them. `bounds` are moments that all must fit in with.
-    pub fn write(&self, scene: &Scene, bounds: &[Moment], path: &Path) -> anyhow::Result<()> {
+    pub fn write(&self, seen: (&Scene, &View), bounds: &[Moment], path: &Path) -> anyhow::Result<()> {
         if self.moments.is_empty() {
             return Ok(());
         }
@@ -50,7 +50,7 @@ impl Film {
         let mut encoder = Encoder::new(file, width, height, &[])?;
         encoder.set_repeat(Repeat::Infinite)?;
         for moment in &self.moments {
-            let canvas = picture::draw(scene, moment, bounds, SIZE)?;
+            let canvas = picture::draw(seen, moment, bounds, SIZE)?;
             let mut frame = Frame::from_rgb_speed(width, height, &canvas.rgb(), SPEED);
             frame.delay = DELAY_CS;
             encoder.write_frame(&frame)?;

@@ -4,8 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::bail;
 use clap::{Parser, ValueEnum};
-use palpate::sim::Backend;
+use palpate::sim::{Backend, SimDesc};
 use palpate::solver::method::{EfgDesc, Method};
+
+use super::torus::Torus;
 
 /// What is cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -45,11 +47,11 @@ pub struct Options {
     pub scene: Subject,
 
     /// How many cells the torus has, about
-    #[arg(long, value_name = "N", default_value_t = 6000)]
+    #[arg(long, value_name = "N", default_value_t = Torus::default().cells)]
     pub cells: u32,
 
     /// How many triangles its surface has, about
-    #[arg(long, value_name = "N", default_value_t = 11_520)]
+    #[arg(long, value_name = "N", default_value_t = Torus::default().triangles)]
     pub triangles: u32,
 
     /// Edge length of a cell of the chest
@@ -69,11 +71,11 @@ pub struct Options {
     pub step_ms: f64,
 
     /// Young's modulus of the torus
-    #[arg(long, value_name = "KPA", default_value_t = 8.0)]
+    #[arg(long, value_name = "KPA", default_value_t = Torus::default().young_kpa)]
     pub young_kpa: f64,
 
     /// The tissue's toughness
-    #[arg(long, value_name = "J/M2", default_value_t = 5.0)]
+    #[arg(long, value_name = "J/M2", default_value_t = Torus::default().toughness_j_m2)]
     pub toughness: f64,
 
     /// Pictures of the animation; 0 for none
@@ -108,20 +110,23 @@ impl Options {
         self.step_ms * 1e-3
     }
 
-    /// What computes the tissue.
-    pub fn method(&self) -> Method {
-        match self.model {
-            Model::Efg => Method::Efg(EfgDesc::default()),
-            Model::Lattice => Method::Lattice,
-        }
+    /// The torus.
+    pub fn torus(&self) -> Torus {
+        let Self { cells, triangles, young_kpa, toughness: toughness_j_m2, .. } = *self;
+        Torus { cells, triangles, young_kpa, toughness_j_m2 }
     }
 
-    /// Where it runs.
-    pub fn backend(&self) -> Backend {
-        match self.backend {
+    /// Where and how it runs.
+    pub fn desc(&self) -> SimDesc {
+        let backend = match self.backend {
             Runs::Cpu => Backend::Cpu,
             Runs::Cuda => Backend::Cuda { index: None },
             Runs::Auto => Backend::Auto,
-        }
+        };
+        let method = match self.model {
+            Model::Efg => Method::Efg(EfgDesc::default()),
+            Model::Lattice => Method::Lattice,
+        };
+        SimDesc { method, backend, step_s: self.step_s(), ..SimDesc::default() }
     }
 }

@@ -10,7 +10,7 @@ use super::drawing::colour::{Colour, of_material, to_linear};
 use super::drawing::light::Light;
 use super::drawing::raster::{Kind, Mesh, Raster, Vertex};
 use super::drawing::solid;
-use super::scene::{GRASPER_M, Lift, Scene};
+use super::scene::{GRASPER_M, Scene, View};
 
 /// Size of the pictures in pixels.
 pub const SIZE: [usize; 2] = [1400, 1050];
@@ -95,26 +95,22 @@ fn rod(edge: &[Vec3]) -> ToolDesc {
 
 /// Draws a moment. `bounds` are moments that all must fit in with, so that pictures compare.
 pub fn draw(
-    scene: &Scene,
+    (scene, view): (&Scene, &View),
     moment: &Moment,
     bounds: &[Moment],
     [width, height]: [usize; 2],
 ) -> anyhow::Result<Canvas> {
-    // What is taken out may leave crumbs that fly anywhere: only the body and where its part goes must fit in.
-    let bodies: Vec<Vec3> = match scene.lift {
-        None => bounds.iter().flat_map(|moment| &moment.positions).copied().collect(),
-        Some(Lift { at, way, .. }) => bounds[0].positions.iter().copied().chain([at + way]).collect(),
-    };
+    let bodies: Vec<Vec3> = bounds.iter().flat_map(|moment| &moment.positions).copied().collect();
     let meshes = moment.meshes(scene);
     let (w, h) = (2.0 * width as f64, 2.0 * height as f64);
     let window = Window { left: 0.06 * w, top: 0.14 * h, width: 0.88 * w, height: 0.80 * h };
-    let camera = Camera::perspective(scene.back, scene.up, &bodies, window);
+    let camera = Camera::perspective(view.back, view.up, &bodies, window);
     let mut raster = Raster::new(2 * width, 2 * height);
     meshes.iter().for_each(|mesh| raster.draw(&camera, mesh, None));
-    let light = Light::new(&camera, scene.up, &meshes, None, &bodies);
+    let light = Light::new(&camera, view.up, &meshes, None, &bodies);
     let mut canvas = Canvas::from_light(&light.shine(&raster, &camera), width, height)?;
     let size = 0.024 * height as f32;
-    canvas.text(&scene.title, [1.4 * size, 2.0 * size], size, Anchor::Start, INK);
+    canvas.text(view.title, [1.4 * size, 2.0 * size], size, Anchor::Start, INK);
     let words = format!("{:.2} s", moment.time_s);
     canvas.text(&words, [1.4 * size, 3.3 * size], 0.75 * size, Anchor::Start, INK);
     Ok(canvas)

@@ -8,11 +8,13 @@ use palpate::model::Model;
 use palpate::sim::{Sim, SurfaceFrame};
 use palpate::solver::tool::ToolForce;
 
+use super::scene::Phase;
+
 /// One step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     time_s: f64,
-    is_cutting: bool,
+    phase: Phase,
     /// The whole step, and the part of it that the cut took, in s.
     wall_s: f64,
     cut_s: f64,
@@ -36,11 +38,11 @@ pub struct Record {
 
 impl Step {
     /// What a step left.
-    pub fn of(sim: &Sim, force: &ToolForce, frame: &SurfaceFrame<'_>, is_cutting: bool) -> Self {
+    pub fn of(sim: &Sim, force: &ToolForce, frame: &SurfaceFrame<'_>, phase: Phase) -> Self {
         let statistics = sim.statistics();
         Self {
             time_s: statistics.time_s,
-            is_cutting,
+            phase,
             wall_s: statistics.step_wall_s,
             cut_s: statistics.cut_wall_s,
             iterations: statistics.cg_iterations,
@@ -66,25 +68,10 @@ impl Record {
         self.steps.push(step);
     }
 
-    /// Cells that were divided.
-    pub fn divided(&self) -> usize {
-        self.steps.last().map_or(0, |step| step.cells)
-    }
-
-    /// The largest force on the blade in N.
-    pub fn peak_n(&self) -> f64 {
-        self.steps.iter().map(|step| step.force_n).fold(0.0, f64::max)
-    }
-
     /// A table: steps before, during and after the cut side by side.
     pub fn table(&self, place: &str) -> Table {
-        let during = |step: &&Step| step.is_cutting;
-        let start = self.steps.iter().position(|step| step.is_cutting).unwrap_or(self.steps.len());
-        let all: [Vec<&Step>; 3] = [
-            self.steps[..start].iter().collect(),
-            self.steps.iter().filter(during).collect(),
-            self.steps[start..].iter().filter(|step| !step.is_cutting).collect(),
-        ];
+        let all = [Phase::Before, Phase::Cut, Phase::After]
+            .map(|phase| self.steps.iter().filter(|step| step.phase == phase).collect::<Vec<_>>());
         let mut table = Table::new();
         table.set_header([
             format!("{} cells, {} nodes, {place}", self.cells, self.nodes),
@@ -132,11 +119,11 @@ impl Record {
                     bytes_to_device,force_n";
         let line = |step: &Step| {
             let Step { time_s, wall_s, cut_s, iterations, residual, cells, copies, .. } = step;
-            let Step { is_cutting, vertices, triangles, uploaded, force_n, .. } = step;
+            let Step { phase, vertices, triangles, uploaded, force_n, .. } = step;
             format!(
                 "{time_s:.6},{},{wall_s:.6},{cut_s:.6},{iterations},{residual:.3e},{cells},{copies},{vertices},\
                  {triangles},{uploaded},{force_n:.6}",
-                u8::from(*is_cutting)
+                u8::from(*phase == Phase::Cut)
             )
         };
         let lines: Vec<String> =

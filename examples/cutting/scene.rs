@@ -1,15 +1,14 @@
-//! What is cut, by which blade, on which way, and from where it is seen.
+//! What is cut, by which blade, on which way.
 
 use std::sync::Arc;
 
 use palpate::math::{Pose, Vec3};
 use palpate::model::Model;
 use palpate::solver::blade::Blade;
+use serde::Serialize;
 
 /// A scene.
 pub struct Scene {
-    /// Words over the pictures.
-    pub title: String,
     /// The tissue; its first surface is drawn.
     pub model: Arc<Model>,
     /// In the world.
@@ -28,9 +27,23 @@ pub struct Scene {
     pub after_s: f64,
     /// What is taken out afterwards.
     pub lift: Option<Lift>,
-    /// From where it is seen, and what is upwards there.
+}
+
+/// What a scene is called, from where it is seen, and what is upwards there.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    pub title: &'static str,
     pub back: Vec3,
     pub up: Vec3,
+}
+
+/// Where the blade is: still before its way, on it, or at its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Phase {
+    Before,
+    Cut,
+    After,
 }
 
 /// What takes out what was cut off.
@@ -54,20 +67,31 @@ impl Scene {
     }
 
     /// Whether the blade is on its way.
-    pub fn is_cutting(&self, time_s: f64) -> bool {
-        (self.rest_s..self.rest_s + self.cut_s).contains(&time_s)
+    pub fn phase(&self, time_s: f64) -> Phase {
+        if time_s < self.rest_s {
+            Phase::Before
+        } else if time_s < self.rest_s + self.cut_s {
+            Phase::Cut
+        } else {
+            Phase::After
+        }
+    }
+
+    /// The share of its way that the blade has gone.
+    pub fn share(&self, time_s: f64) -> f64 {
+        ((time_s - self.rest_s) / self.cut_s).clamp(0.0, 1.0)
     }
 
     /// Where the blade is.
     pub fn blade_at(&self, time_s: f64) -> Pose {
-        (self.way)(((time_s - self.rest_s) / self.cut_s).clamp(0.0, 1.0))
+        (self.way)(self.share(time_s))
     }
 
-    /// Where the grasper is, and whether it holds by then: from a third of the time that is left on.
-    pub fn grasper_at(&self, time_s: f64) -> Option<(Vec3, bool)> {
+    /// Where the grasper holds the tissue: it does from a third of the time that is left on.
+    pub fn grasper_at(&self, time_s: f64) -> Option<Vec3> {
         let lift = self.lift?;
         let since = (time_s - self.rest_s - self.cut_s) / self.after_s;
         let share = (1.5 * (since - 1.0 / 3.0)).clamp(0.0, 1.0);
-        Some((lift.at + lift.way * share, since >= 1.0 / 3.0))
+        (since >= 1.0 / 3.0).then_some(lift.at + lift.way * share)
     }
 }

@@ -9,8 +9,7 @@ use palpate::model::phantom::{self, Label};
 use palpate::model::{Build, LabelUse, SurfaceSource};
 use palpate::solver::blade::Blade;
 
-use super::options::Options;
-use super::scene::{GRASPER_M, Lift, Scene};
+use super::scene::{GRASPER_M, Lift, Scene, View};
 
 /// What of the chest is open, world frame, in m: the right lung around the tumour.
 const LOW: Vec3 = Vec3::new(-0.002, 0.004, -0.036);
@@ -25,9 +24,15 @@ const PLUNGE: f64 = 0.2;
 /// A little more than one round.
 const ROUNDS: f64 = 1.03;
 
-/// The scene.
-pub fn scene(options: &Options) -> anyhow::Result<Scene> {
-    let voxel_m = options.cell_mm * 1e-3;
+/// From where it is seen.
+pub const VIEW: View = View {
+    title: "A tumour is cut out of the lung",
+    back: Vec3::new(0.75, 1.0, 0.7),
+    up: Vec3::new(0.0, 0.0, 1.0),
+};
+
+/// The scene, in cells of this edge length, of tissue so tough.
+pub fn scene(voxel_m: f64, toughness_j_m2: f64) -> anyhow::Result<Scene> {
     let chest = phantom::thorax(voxel_m)?;
     let mut build = Build::new(open(&chest)?);
     build.uses = phantom::thorax_uses();
@@ -42,7 +47,7 @@ pub fn scene(options: &Options) -> anyhow::Result<Scene> {
 
     // Along the cone from its tip on, in the plane z = 0 of the tool, whose origin is the tip and whose y axis is the cone's.
     let mouth = Vec3::new(MOUTH[1], MOUTH[0] - TIP_Y, 0.0);
-    let blade = Blade { edge: vec![Vec3::zeros(), 0.5 * mouth, mouth], toughness_j_m2: options.toughness };
+    let blade = Blade { edge: vec![Vec3::zeros(), 0.5 * mouth, mouth], toughness_j_m2 };
     let tip = Vec3::new(TUMOUR.x, TIP_Y, TUMOUR.z);
     let way = move |share: f64| {
         let out = (1.0 - share / PLUNGE).max(0.0);
@@ -52,7 +57,6 @@ pub fn scene(options: &Options) -> anyhow::Result<Scene> {
     let cone_cells = TAU * 0.5 * MOUTH[1] * mouth.norm() / (voxel_m * voxel_m);
     let top = front(&model, voxel_m);
     Ok(Scene {
-        title: "A tumour is cut out of the lung".into(),
         model,
         gravity_m_s2: Vec3::zeros(),
         rests_under_gravity: true,
@@ -67,8 +71,6 @@ pub fn scene(options: &Options) -> anyhow::Result<Scene> {
             reach_m: 2.5 * voxel_m,
             way: Vec3::new(0.0, 0.05, 0.0),
         }),
-        back: Vec3::new(0.75, 1.0, 0.7),
-        up: Vec3::z(),
     })
 }
 

@@ -10,7 +10,7 @@ use palpate::solver::load::Load;
 use palpate::solver::method::Method;
 use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
 
-use super::surface::{check_closed, points};
+use super::closed::{check_closed, points};
 use super::{CELL_M, DENSITY_KG_M3, EXACT, METHODS, beam, simulation, slit};
 
 /// How much a ball's hole in the grid may differ from the ball: walls are flat between edges of cells.

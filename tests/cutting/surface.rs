@@ -1,15 +1,16 @@
 //! What renderers and tools see of a cut.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use palpate::math::{Pose, Vec3};
 use palpate::model::grid::LabelGrid;
 use palpate::model::material::Material;
 use palpate::model::{Build, Fix, LabelUse, Model};
-use palpate::sim::{Sim, SurfaceFrame};
+use palpate::sim::Sim;
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
+use super::closed::{check_closed, points};
 use super::{CELL_M, METHODS, beam, simulation, slit};
 
 /// A block of 6 × 6 × 8 cells, held at z = 0.
@@ -22,36 +23,6 @@ fn pillar() -> Arc<Model> {
     let half_extents = Vec3::new(1.0, 1.0, 0.1 * CELL_M);
     build.fixes.push(Fix { pose: Pose::identity(), half_extents, axes: [true; 3] });
     Arc::new(build.run(&mut |_, _| true).unwrap())
-}
-
-/// A surface's points, in double precision.
-pub fn points(frame: &SurfaceFrame<'_>) -> Vec<Vec3> {
-    frame.positions.iter().map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into())).collect()
-}
-
-/// Names points by where they are: a lip has vertices on both of its sides.
-fn names(points: &[Vec3]) -> Vec<usize> {
-    let mut known: HashMap<[i64; 3], usize> = HashMap::new();
-    let place = |p: &Vec3| [0, 1, 2].map(|axis| (p[axis] / (1e-4 * CELL_M)).round() as i64);
-    points.iter().enumerate().map(|(n, p)| *known.entry(place(p)).or_insert(n)).collect()
-}
-
-/// Twice as many directed edges go one way as come back, where the surface is closed; and six times the volume inside.
-pub fn check_closed(frame: &SurfaceFrame<'_>, at: &[Vec3]) -> f64 {
-    let names = names(at);
-    let mut balance: HashMap<(usize, usize), i64> = HashMap::new();
-    let mut volume = 0.0;
-    for corners in frame.triangles {
-        let [a, b, c] = corners.map(|v| v as usize);
-        volume += at[a].cross(&at[b]).dot(&at[c]) / 6.0;
-        let edges = [(a, b), (b, c), (c, a)].map(|(from, to)| (names[from], names[to]));
-        // Points that are too near to each other to be told apart are one.
-        for (from, to) in edges.into_iter().filter(|(from, to)| from != to) {
-            *balance.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
-        }
-    }
-    assert!(balance.values().all(|&sum| sum == 0), "the surface has a hole");
-    volume
 }
 
 #[test]

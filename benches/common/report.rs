@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use comfy_table::Table;
 use serde::Serialize;
 
-use super::common::place::Place;
-use super::common::table::empty;
+use super::place::Place;
+use super::table::empty;
 
 /// One kind of figures.
 pub trait Figure: Serialize {

@@ -377,7 +377,7 @@ struct Surface {
     const uint32_t* row_nodes;   // [8 * vertices]
     const float* row_weights;    // [8 * vertices]
     const uint32_t* triangles;   // [3 * triangles]
-    const uint32_t* triangle_starts;
+    const uint2* fans;           // [vertices]: where the triangles at each start and end
     const uint32_t* triangle_of;
     float4* positions;
     float4* normals;

@@ -70,7 +70,8 @@ extern "C" __global__ void surface_normals(const __grid_constant__ Surface s) {
         return Vec{p.x, p.y, p.z};
     };
     Vec sum{0, 0, 0};
-    for (uint32_t i = s.triangle_starts[vertex]; i < s.triangle_starts[vertex + 1]; ++i) {
+    const uint2 fan = s.fans[vertex];
+    for (uint32_t i = fan.x; i < fan.y; ++i) {
         const uint32_t* t = s.triangles + 3 * s.triangle_of[i];
         const Vec a = at(t[0]);
         sum = sum + cross(at(t[1]) - a, at(t[2]) - a);

@@ -19,10 +19,10 @@ mod blade;
 mod bone;
 #[path = "cutting/cantilever.rs"]
 mod cantilever;
-#[path = "cutting/limits.rs"]
-mod limits;
 #[path = "support/closed.rs"]
 mod closed;
+#[path = "cutting/limits.rs"]
+mod limits;
 #[path = "cutting/opening.rs"]
 mod opening;
 #[path = "cutting/random.rs"]

@@ -1012,7 +1012,7 @@ typedef struct {
     const float *uvs;
     /// Materials, from 1 [vertex_count].
     const uint8_t *materials;
-    /// Vertex indices, counter-clockwise seen from outside [triangle_count * 3].
+    /// Vertex indices, counter-clockwise seen from outside [triangle_count * 3]. Once tissue is cut some triangles are 0, 0, 0: places for others to come.
     const uint32_t *triangles;
     /// Number of vertices.
     uint64_t vertex_count;

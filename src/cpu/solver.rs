@@ -22,6 +22,7 @@ use super::stability;
 use super::surface;
 use super::workers::{Member, Workers};
 use crate::cut::facing::Facing;
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -42,7 +43,6 @@ const LONGEST_CLAIM: usize = 4;
 #[derive(Debug)]
 pub struct CpuSolver<R: CpuReal> {
     core: Core<R>,
-    surfaces: Vec<Arc<Surface>>,
     scratches: Vec<Box<Scratch<R>>>,
     workers: Workers,
 }
@@ -129,7 +129,7 @@ impl<R: CpuReal> CpuSolver<R> {
         core.sleep.set_thresholds(Thresholds::new(lattice.cell_m(), omega, R::EPSILON));
         let workers = Workers::new(threads)?;
         let scratches = (0..workers.count()).map(|_| Scratch::new()).collect();
-        Ok(Self { core, surfaces: model.surfaces().to_vec(), scratches, workers })
+        Ok(Self { core, scratches, workers })
     }
 }
 
@@ -181,15 +181,15 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         self.core.contact.contacts_of(tool as u32, self.core.last_dt).for_each(show);
     }
 
-    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        surface::publish(
-            &self.core.bricks.model,
-            &self.surfaces[index],
-            &self.core.nodes.u,
-            field,
-            arrays,
-            &mut self.workers,
-        );
+    fn publish(
+        &mut self,
+        _index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
+        let core = &self.core;
+        surface::publish(&core.bricks.model, surface, &core.nodes.u, field, arrays, &mut self.workers);
         Ok(())
     }
 
@@ -281,7 +281,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()> {
         let core = &mut self.core;
         core.bricks.divide(topology, change);
         for birth in &change.births {
@@ -292,8 +292,8 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         }
         core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
         core.facing = Facing::all(topology);
-        core.contact.renew(surfaces[core.bricks.model.contact_surface()].clone());
-        self.surfaces = surfaces.to_vec();
+        let (surface, redrawn) = surfaces[core.bricks.model.contact_surface()];
+        core.contact.follow(surface, redrawn);
         Ok(())
     }
 
@@ -303,8 +303,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
         core.pieces = Pieces::default();
         core.facing.clear();
         core.flags[core.bricks.model.lattice().slot_count()..].fill(flag::FIX_ALL);
-        self.surfaces = core.bricks.model.surfaces().to_vec();
-        core.contact.renew(self.surfaces[core.bricks.model.contact_surface()].clone());
+        core.contact.heal();
         Ok(())
     }
 

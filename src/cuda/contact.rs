@@ -16,11 +16,12 @@ use super::layout::{
 use super::memory::{Buffer, Pinned, Stream};
 use super::pointer;
 use super::surface::room_of;
+use crate::cut::surface::drawn::Redrawn;
 use crate::error::Result;
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::BRICK_SLOTS;
-use crate::model::surface::{ROW, Row, Surface};
+use crate::model::surface::{Edges, ROW, Row, Surface};
 use crate::sim::MAX_TOOLS;
 use crate::solver::tool::{Contact, MAX_PARTS, ToolPath};
 use crate::solver::{StepPlan, ToolStep};
@@ -96,12 +97,16 @@ impl List {
 #[derive(Debug)]
 pub struct ContactSurface {
     cell_m: f64,
-    surface: Arc<Surface>,
+    edges: Edges,
+    /// Material of the tissue under each vertex.
+    materials: Vec<u8>,
     /// The longest of all edges at rest, in m.
     longest_edge: f32,
-    /// Largest Σ |w| of a vertex: how much further than a node it may move.
+    /// Σ |w| of each vertex: how much further than a node it may move; and the largest.
+    levers: Vec<f64>,
     lever: f64,
-    /// Furthest node of a vertex's row, in m.
+    /// Furthest node of each vertex's row, in m; and of all.
+    reaches: Vec<f64>,
     row_reach: f64,
     list: List,
     vertices: u32,
@@ -176,9 +181,12 @@ impl ContactSurface {
         carrier_at.fill(NONE)?;
         let mut contact = Self {
             cell_m: lattice.cell_m(),
-            surface: surface.clone(),
+            edges: Edges { of_triangles: Vec::new(), of_vertices: Vec::new() },
+            materials: Vec::new(),
             longest_edge: 0.0,
+            levers: Vec::new(),
             lever: 1.0,
+            reaches: Vec::new(),
             row_reach: 0.0,
             list: List { divides: false, zones: Vec::with_capacity(MAX_TOOLS), reach: 0.0, spare: NEVER },
             vertices: 0,
@@ -223,31 +231,55 @@ impl ContactSurface {
             known_parts: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
             parts_of_step: Vec::with_capacity(MAX_TOOLS * MAX_PARTS),
         };
-        contact.renew(surface, |slot| lattice.rest_position(slot))?;
+        contact.follow(surface, &Redrawn::all(), |slot| lattice.rest_position(slot))?;
         Ok(contact)
     }
 
-    /// Takes another surface, that a cut has made of the one before. Nodes are at `rest` before they move, copies where what they are copies of is. All contacts are forgotten.
-    pub fn renew(&mut self, surface: &Arc<Surface>, rest: impl Fn(u32) -> Vec3) -> Result<()> {
-        self.surface = surface.clone();
+    /// A cut has made another surface of it. Nodes are at `rest` before they move, copies where what they are copies of is. All contacts are forgotten.
+    pub fn follow(&mut self, surface: &Surface, redrawn: &Redrawn, rest: impl Fn(u32) -> Vec3) -> Result<()> {
         self.touching = 0;
         self.lose_track();
-        let edges = surface.edges();
-        self.longest_edge = edges.of_triangles.iter().copied().fold(0.0, f32::max);
-        let lever = |row: &Row| row.weights.iter().map(|w| f64::from(w.abs())).sum();
-        self.lever = surface.rows.iter().map(lever).fold(1.0, f64::max);
-        let nodes = surface.rows.iter().zip(&surface.positions).flat_map(|(row, p)| {
-            let carries = row.nodes.iter().zip(&row.weights).filter(|(_, weight)| **weight != 0.0);
-            carries.map(move |(&node, _)| (node, p))
-        });
-        self.row_reach = nodes.map(|(node, p)| (rest(node) - p).norm()).fold(0.0, f64::max);
-        (self.vertices, self.triangles) = (surface.positions.len() as u32, surface.triangles.len() as u32);
-        self.rest.set(surface.positions.iter().map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect())?;
-        self.row_nodes.set(surface.rows.iter().map(|row| row.nodes).collect())?;
-        self.row_weights.set(surface.rows.iter().map(|row| row.weights).collect())?;
-        self.corners.set(surface.triangles.clone())?;
-        self.triangle_edges.set(edges.of_triangles)?;
-        self.vertex_edges.set(edges.of_vertices)
+        let count = surface.positions.len();
+        let (vertices, edges) = (&redrawn.vertices, &mut self.edges);
+        let (moved, around) = if redrawn.is_all {
+            *edges = surface.edges();
+            (Vec::new(), Vec::new())
+        } else {
+            let moved = redrawn.moved(surface);
+            let around = edges.follow(surface, &moved, &redrawn.fans);
+            (moved, around)
+        };
+        (self.vertices, self.triangles) = (count as u32, surface.triangles.len() as u32);
+        if redrawn.is_all {
+            self.levers = surface.rows.iter().map(lever).collect();
+            self.reaches = (0..count).map(|v| reach(surface, v, &rest)).collect();
+            self.materials.clone_from(&surface.materials);
+            self.rest.set((0..count).map(|v| position(surface, v)).collect())?;
+            self.row_nodes.set(surface.rows.iter().map(|row| row.nodes).collect())?;
+            self.row_weights.set(surface.rows.iter().map(|row| row.weights).collect())?;
+            self.corners.set(surface.triangles.clone())?;
+            self.triangle_edges.set(edges.of_triangles.clone())?;
+            self.vertex_edges.set(edges.of_vertices.clone())?;
+        } else {
+            self.levers.resize(count, 1.0);
+            self.reaches.resize(count, 0.0);
+            self.materials.resize(count, 0);
+            for v in vertices.iter().map(|&v| v as usize) {
+                self.levers[v] = lever(&surface.rows[v]);
+                self.reaches[v] = reach(surface, v, &rest);
+                self.materials[v] = surface.materials[v];
+            }
+            self.rest.edit(count, vertices, |v| position(surface, v))?;
+            self.row_nodes.edit(count, vertices, |v| surface.rows[v].nodes)?;
+            self.row_weights.edit(count, vertices, |v| surface.rows[v].weights)?;
+            self.corners.edit(surface.triangles.len(), &redrawn.triangles, |t| surface.triangles[t])?;
+            self.triangle_edges.edit(surface.triangles.len(), &moved, |t| edges.of_triangles[t])?;
+            self.vertex_edges.edit(count, &around, |v| edges.of_vertices[v])?;
+        }
+        self.longest_edge = self.edges.of_triangles.iter().copied().fold(0.0, f32::max);
+        self.lever = self.levers.iter().copied().fold(1.0, f64::max);
+        self.row_reach = self.reaches.iter().copied().fold(0.0, f64::max);
+        Ok(())
     }
 
     /// What contact will do in a step in which no node comes further than `way` by itself, in m; fills in what the device needs to know.
@@ -491,11 +523,11 @@ impl ContactSurface {
     /// Shows the contacts of one tool in the last substep, model frame; `origin` is where it is.
     pub fn show(&self, tool: u32, origin: Vec3, dt: f64, show: &mut dyn FnMut(Contact)) -> Result<()> {
         let untold = self.untold()?;
-        let surface = &self.surface;
+        let corners = self.corners.host();
         let first_triangle = self.first_triangle();
         // Which of a triangle's points it is stays with the device.
         let lies = move |element: u32| match element.checked_sub(first_triangle) {
-            Some(triangle) => (surface.triangles[triangle as usize], [1.0 / 3.0; 3]),
+            Some(triangle) => (corners[triangle as usize], [1.0 / 3.0; 3]),
             None => ([element; 3], [1.0, 0.0, 0.0]),
         };
         for k in 0..self.touching {
@@ -515,7 +547,7 @@ impl ContactSurface {
                     normal,
                     depth_m: f64::from(fields[point::AT][3]),
                     force_n: (normal * push + vector(point::IMPULSE)) / dt,
-                    material: surface.materials[vertices[0] as usize],
+                    material: self.materials[vertices[0] as usize],
                     vertices,
                     shares,
                 });
@@ -532,6 +564,24 @@ impl ContactSurface {
         self.claimed.clear()?;
         self.carrier_at.fill(NONE)
     }
+}
+
+/// Σ |w| of a row.
+fn lever(row: &Row) -> f64 {
+    row.weights.iter().map(|w| f64::from(w.abs())).sum()
+}
+
+/// Where a vertex is at rest.
+fn position(surface: &Surface, vertex: usize) -> [f32; 3] {
+    let p = surface.positions[vertex];
+    [p.x, p.y, p.z].map(|x| x as f32)
+}
+
+/// How far the furthest node of a vertex's row is from it at rest, in m.
+fn reach(surface: &Surface, vertex: usize, rest: impl Fn(u32) -> Vec3) -> f64 {
+    let Row { nodes, weights } = &surface.rows[vertex];
+    let carriers = nodes.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
+    carriers.map(|(&node, _)| (rest(node) - surface.positions[vertex]).norm()).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

@@ -31,17 +31,38 @@ impl<T: Plain + PartialEq> Kept<T> {
 
     /// Replaces all of them. Where there is no room they go to another place.
     pub fn set(&mut self, values: Vec<T>) -> Result<()> {
-        let changed = if values.len() > self.buffer.room() {
+        let changed = changed(&self.host, &values);
+        self.write(values, changed)
+    }
+
+    /// Replaces them by values that differ in these ranges.
+    fn write(&mut self, values: Vec<T>, mut changed: Vec<Range<usize>>) -> Result<()> {
+        if values.len() > self.buffer.room() {
             self.buffer = Buffer::zeros(&self.stream, values.len().next_power_of_two())?;
-            std::iter::once(0..values.len()).collect()
-        } else {
-            changed(&self.host, &values)
-        };
+            changed = std::iter::once(0..values.len()).collect();
+        }
         // Should a write fail, nobody knows what has arrived.
         self.host.clear();
         self.buffer.write_ranges(&values, changed.into_iter().map(|range| (range.start, range)))?;
         self.host = values;
         Ok(())
+    }
+
+    /// Makes it so many values: those at `places`, which ascend, are what `value` says, and others what they were, or, where there were none, what it says too.
+    pub fn edit(&mut self, count: usize, places: &[u32], value: impl Fn(usize) -> T) -> Result<()> {
+        let before = self.host.len().min(count);
+        let mut host = std::mem::take(&mut self.host);
+        host.truncate(count);
+        host.extend((before..count).map(&value));
+        let places = places.iter().map(|&place| place as usize).filter(|&place| place < before);
+        let mut ranges: Vec<Range<usize>> = Vec::new();
+        for place in places.inspect(|&place| host[place] = value(place)) {
+            add(&mut ranges, place..place + 1, GAP_BYTES / size_of::<T>());
+        }
+        if before < count {
+            add(&mut ranges, before..count, GAP_BYTES / size_of::<T>());
+        }
+        self.write(host, ranges)
     }
 
     /// The values.
@@ -69,12 +90,17 @@ fn changed<T: PartialEq>(old: &[T], new: &[T]) -> Vec<Range<usize>> {
         if old.get(start..end) == Some(values) {
             continue;
         }
-        match ranges.last_mut() {
-            Some(last) if start - last.end <= gap => last.end = end,
-            _ => ranges.push(start..end),
-        }
+        add(&mut ranges, start..end, gap);
     }
     ranges
+}
+
+/// Adds a range behind others; one that is no further than `gap` from the last one goes together with it.
+fn add(ranges: &mut Vec<Range<usize>>, range: Range<usize>, gap: usize) {
+    match ranges.last_mut() {
+        Some(last) if range.start - last.end <= gap => last.end = range.end,
+        _ => ranges.push(range),
+    }
 }
 
 #[cfg(test)]

@@ -403,7 +403,7 @@ pub struct Surface {
     pub row_nodes: CUdeviceptr,
     pub row_weights: CUdeviceptr,
     pub triangles: CUdeviceptr,
-    pub triangle_starts: CUdeviceptr,
+    pub fans: CUdeviceptr,
     pub triangle_of: CUdeviceptr,
     pub positions: CUdeviceptr,
     pub normals: CUdeviceptr,

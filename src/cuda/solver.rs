@@ -24,6 +24,7 @@ use super::state::State;
 use super::surface::Surfaces;
 use super::told::Told;
 use crate::cpu::stability;
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -103,11 +104,12 @@ struct CutPlan {
     sides: layout::Sides,
 }
 
-/// Nodes as the host sees them, each field once it was asked for.
+/// Nodes as the host sees them, each field once it was asked for. Memory is kept.
 #[derive(Debug, Default)]
 struct Mirror {
-    u: Option<Vec<[f32; 4]>>,
-    v: Option<Vec<f32>>,
+    u: Vec<[f32; 4]>,
+    v: Vec<f32>,
+    are_known: [bool; 2],
 }
 
 impl CudaSolver {
@@ -375,19 +377,26 @@ impl CudaSolver {
     }
 
     /// Moves a surface on the device and fetches its arrays.
-    fn fill(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
+    fn fill(
+        &mut self,
+        index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
         let pass = self.pass(self.state.current, 1, false);
-        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
+        self.surfaces.publish(index, surface, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
     }
 
-    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
-    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+    /// Takes what cuts have changed of surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[(&Surface, &Redrawn)], origin: impl Fn(u32) -> u32) -> Result<()> {
         // Recorded steps name the surface, and are done.
         self.graphs.clear();
         let model = self.model.clone();
-        self.surfaces.renew(surfaces)?;
+        self.surfaces.follow(surfaces)?;
         let rest = |slot| model.lattice().rest_position(origin(slot));
-        self.contact.renew(&surfaces[model.contact_surface()], rest)
+        let (surface, redrawn) = surfaces[model.contact_surface()];
+        self.contact.follow(surface, redrawn, rest)
     }
 
     /// Materials or what is held have changed: what was made of them before is made anew.
@@ -401,25 +410,27 @@ impl CudaSolver {
 
     /// Displacements and words as they are now.
     fn look_at_displacements<T>(&self, see: impl FnOnce(&[[f32; 4]]) -> T) -> T {
-        see(self.mirror.borrow_mut().u.get_or_insert_with(|| {
-            let mut u = vec![[0.0; 4]; self.body.slot_count()];
-            self.or_lost(self.state.u[self.state.current].read(0, &mut u));
-            u
-        }))
+        let Mirror { u, are_known: [is_known, _], .. } = &mut *self.mirror.borrow_mut();
+        if !std::mem::replace(is_known, true) {
+            u.resize(self.body.slot_count(), [0.0; 4]);
+            self.or_lost(self.state.u[self.state.current].read(0, u));
+        }
+        see(u)
     }
 
     /// Velocities as they are now.
     fn look_at_velocities<T>(&self, see: impl FnOnce(&[f32]) -> T) -> T {
-        see(self.mirror.borrow_mut().v.get_or_insert_with(|| {
-            let mut v = vec![0.0; 3 * self.body.slot_count()];
-            self.or_lost(self.state.velocities().read(0, &mut v));
-            v
-        }))
+        let Mirror { v, are_known: [_, is_known], .. } = &mut *self.mirror.borrow_mut();
+        if !std::mem::replace(is_known, true) {
+            v.resize(3 * self.body.slot_count(), 0.0);
+            self.or_lost(self.state.velocities().read(0, v));
+        }
+        see(v)
     }
 
     /// The nodes have changed.
     fn forget_nodes(&self) {
-        self.mirror.take();
+        self.mirror.borrow_mut().are_known = [false; 2];
     }
 
     /// How cuts take part in the coming step. Blocks are a power of two, so that few cuts ask for another recording.
@@ -522,8 +533,14 @@ impl Solver for CudaSolver {
         self.or_lost(self.contact.show(tool as u32, origin, self.last_dt, show));
     }
 
-    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        self.fill(surface, field, arrays)
+    fn publish(
+        &mut self,
+        index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
+        self.fill(index, surface, field, arrays)
     }
 
     fn mass(&self, slot: u32) -> f64 {
@@ -540,12 +557,15 @@ impl Solver for CudaSolver {
 
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        all.extend((0..self.body.slot_count() as u32).map(|slot| self.displacement(slot)));
+        self.look_at_displacements(|u| {
+            all.extend(u.iter().map(|u| Vec3::from([0, 1, 2].map(|a| f64::from(u[a])))));
+        });
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
-        all.extend((0..self.body.slot_count() as u32).map(|slot| self.velocity(slot)));
+        let vector = |v: &[f32], slot| Vec3::from_fn(|axis, _| f64::from(v[number(slot, axis)]));
+        self.look_at_velocities(|v| all.extend((0..self.body.slot_count()).map(|slot| vector(v, slot))));
     }
 
     fn largest_change(&self, before: &[Vec3]) -> f64 {
@@ -626,7 +646,7 @@ impl Solver for CudaSolver {
         self.change(stable_dt)
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()> {
         self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
         // What was made of nodes before is made anew with the flags that follow.
         self.sleep.set_bricks(self.state.bricks)?;
@@ -638,7 +658,9 @@ impl Solver for CudaSolver {
         self.outside.forget_masses();
         self.sleep.set_bricks(self.state.bricks)?;
         let model = self.model.clone();
-        self.show(model.surfaces(), |slot| slot)
+        let all = Redrawn::all();
+        let own: Vec<_> = model.surfaces().iter().map(|surface| (surface.as_ref(), &all)).collect();
+        self.show(&own, |slot| slot)
     }
 
     fn reset(&mut self) {

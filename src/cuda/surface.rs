@@ -7,10 +7,12 @@ use super::kernels::SurfaceKernels;
 use super::layout::{self, Pass};
 use super::memory::{Buffer, Stream};
 use super::pointer;
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::surface::room;
 use crate::error::Result;
 use crate::math::Pose;
 use crate::model::Model;
+use crate::model::fans::Fans;
 use crate::model::surface::{ROW, Surface};
 use crate::solver::{SurfaceArrays, SurfaceField};
 
@@ -22,30 +24,31 @@ const THREADS: u32 = 256;
 pub struct Surfaces {
     model: Arc<Model>,
     copies: usize,
-    /// As cuts have left them.
-    all: Vec<Arc<Surface>>,
     shown: Vec<Option<SurfaceOnDevice>>,
 }
 
 impl Surfaces {
-    /// The model's own, with room for what cuts make of them that copy so many nodes.
+    /// Of a model, with room for what cuts make of them that copy so many nodes.
     pub fn new(model: &Arc<Model>, copies: usize) -> Self {
-        let all = model.surfaces().to_vec();
-        Self { model: model.clone(), copies, shown: all.iter().map(|_| None).collect(), all }
+        Self { model: model.clone(), copies, shown: model.surfaces().iter().map(|_| None).collect() }
     }
 
-    /// Cuts have made others of them.
-    pub fn renew(&mut self, surfaces: &[Arc<Surface>]) -> Result<()> {
-        self.all = surfaces.to_vec();
+    /// Cuts have changed them.
+    pub fn follow(&mut self, surfaces: &[(&Surface, &Redrawn)]) -> Result<()> {
         let frame = self.model.frame();
-        let mut shown = self.shown.iter_mut().zip(surfaces);
-        shown.try_for_each(|(shown, surface)| shown.as_mut().map_or(Ok(()), |s| s.renew(surface, &frame)))
+        for (shown, (surface, redrawn)) in self.shown.iter_mut().zip(surfaces) {
+            if let Some(shown) = shown {
+                shown.follow(surface, redrawn, &frame)?;
+            }
+        }
+        Ok(())
     }
 
     /// Moves a surface with the nodes of `pass` and fetches its arrays.
     pub fn publish(
         &mut self,
         index: usize,
+        surface: &Surface,
         kernels: &SurfaceKernels,
         stream: &Arc<Stream>,
         pass: &Pass,
@@ -55,7 +58,7 @@ impl Surfaces {
         let shown = &mut self.shown[index];
         if shown.is_none() {
             let room = room_of(&self.model.surfaces()[index], self.copies);
-            *shown = Some(SurfaceOnDevice::new(&self.model, &self.all[index], room, stream)?);
+            *shown = Some(SurfaceOnDevice::new(&self.model, surface, room, stream)?);
         }
         let shown = shown.as_ref().expect("the surface was just made");
         shown.publish(kernels, stream, pass, field, arrays)
@@ -76,7 +79,7 @@ struct SurfaceOnDevice {
     row_nodes: Kept<[u32; ROW]>,
     row_weights: Kept<[f32; ROW]>,
     triangles: Kept<[u32; 3]>,
-    triangle_starts: Kept<u32>,
+    fans: Kept<[u32; 2]>,
     triangle_of: Kept<u32>,
     positions: Buffer<[f32; 4]>,
     normals: Buffer<[f32; 4]>,
@@ -102,8 +105,8 @@ impl SurfaceOnDevice {
             row_nodes: Kept::of(stream, Vec::new(), vertices)?,
             row_weights: Kept::of(stream, Vec::new(), vertices)?,
             triangles: Kept::of(stream, Vec::new(), triangles)?,
-            triangle_starts: Kept::of(stream, Vec::new(), vertices + 1)?,
-            triangle_of: Kept::of(stream, Vec::new(), 3 * triangles)?,
+            fans: Kept::of(stream, Vec::new(), vertices)?,
+            triangle_of: Kept::of(stream, Vec::new(), Fans::room(3 * triangles))?,
             positions: Buffer::zeros(stream, vertices)?,
             normals: Buffer::zeros(stream, vertices)?,
             scalars: Buffer::zeros(stream, vertices)?,
@@ -115,14 +118,33 @@ impl SurfaceOnDevice {
     /// Copies what changes only by cuts.
     fn renew(&mut self, surface: &Surface, frame: &Pose) -> Result<()> {
         self.vertices = surface.positions.len() as u32;
-        // World frame: rest positions are turned here, displacements there.
-        let rest = surface.positions.iter().map(|p| frame.transform_point(&(*p).into()).coords);
-        self.rest.set(rest.map(|p| [p.x, p.y, p.z].map(|x| x as f32)).collect())?;
+        let count = surface.positions.len();
+        self.rest.set((0..count).map(|v| rest(surface, frame, v)).collect())?;
         self.row_nodes.set(surface.rows.iter().map(|row| row.nodes).collect())?;
         self.row_weights.set(surface.rows.iter().map(|row| row.weights).collect())?;
         self.triangles.set(surface.triangles.clone())?;
-        self.triangle_starts.set(surface.triangle_starts.clone())?;
-        self.triangle_of.set(surface.triangle_of.clone())
+        self.fans.set(surface.fans.spans().to_vec())?;
+        self.triangle_of.set(surface.fans.lists().to_vec())
+    }
+
+    /// Copies what a cut has changed.
+    fn follow(&mut self, surface: &Surface, redrawn: &Redrawn, frame: &Pose) -> Result<()> {
+        if redrawn.is_all || redrawn.is_tidied {
+            return self.renew(surface, frame);
+        }
+        let count = surface.positions.len();
+        let Redrawn { vertices, triangles, fans, .. } = redrawn;
+        self.vertices = count as u32;
+        self.rest.edit(count, vertices, |v| rest(surface, frame, v))?;
+        self.row_nodes.edit(count, vertices, |v| surface.rows[v].nodes)?;
+        self.row_weights.edit(count, vertices, |v| surface.rows[v].weights)?;
+        self.triangles.edit(surface.triangles.len(), triangles, |t| surface.triangles[t])?;
+        self.fans.edit(count, fans, |v| surface.fans.spans()[v])?;
+        let lists = surface.fans.lists();
+        let spans = fans.iter().map(|&v| surface.fans.spans()[v as usize]);
+        let mut places: Vec<u32> = spans.flat_map(|[start, end]| start..end).collect();
+        places.sort_unstable();
+        self.triangle_of.edit(lists.len(), &places, |at| lists[at])
     }
 
     fn publish(
@@ -142,7 +164,7 @@ impl SurfaceOnDevice {
             row_nodes: self.row_nodes.at(),
             row_weights: self.row_weights.at(),
             triangles: self.triangles.at(),
-            triangle_starts: self.triangle_starts.at(),
+            fans: self.fans.at(),
             triangle_of: self.triangle_of.at(),
             positions: self.positions.at(),
             normals: self.normals.at(),
@@ -163,4 +185,10 @@ impl SurfaceOnDevice {
         self.normals.read(0, arrays.normals)?;
         self.scalars.read(0, arrays.scalars)
     }
+}
+
+/// Where a vertex is at rest, in the world's frame: rest positions are turned here, displacements there.
+fn rest(surface: &Surface, frame: &Pose, vertex: usize) -> [f32; 3] {
+    let p = frame.transform_point(&surface.positions[vertex].into());
+    [p.x, p.y, p.z].map(|x| x as f32)
 }

@@ -1,8 +1,7 @@
 //! Where the bricks of a lattice are, as its nodes move: what a blade is far from need not be looked at.
 
-use super::sweep::Moving;
 use crate::math::Vec3;
-use crate::model::lattice::{BRICK_SLOTS, Lattice, NO_BRICK};
+use crate::model::lattice::{BRICK, BRICK_SLOTS, Lattice, NO_BRICK};
 
 /// A box along the axes.
 type Bounds = (Vec3, Vec3);
@@ -11,19 +10,38 @@ type Bounds = (Vec3, Vec3);
 #[derive(Clone, Debug, Default)]
 pub struct Extents {
     of_bricks: Vec<Bounds>,
+    /// What displaces nodes of each brick at the end: least and most along each axis.
+    displaced: Vec<Bounds>,
 }
 
 impl Extents {
-    /// Of a lattice whose nodes move.
-    pub fn new(lattice: &Lattice, nodes: &impl Moving) -> Self {
-        let mut own =
-            vec![(Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY)); lattice.bricks().len()];
-        for slot in lattice.slots() {
-            let (low, high) = &mut own[slot as usize / BRICK_SLOTS];
-            for at in [nodes.from(slot), nodes.to(slot)] {
-                (*low, *high) = (low.inf(&at), high.sup(&at));
-            }
-        }
+    /// Of a lattice whose nodes are `displaced` so far at the end, by their slots, in m; at the start as they were at the end of the step `before`, if there was one. Boxes are those of
+    /// bricks at rest, widened and moved by what displaces their nodes: no smaller than they need be.
+    pub fn new(lattice: &Lattice, displaced: impl Fn(u32) -> Vec3, before: Option<&Self>) -> Self {
+        let now: Vec<Bounds> = (0..lattice.bricks().len())
+            .map(|brick| {
+                let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+                for slot in brick * BRICK_SLOTS..(brick + 1) * BRICK_SLOTS {
+                    if lattice.words()[slot] == 0 {
+                        continue;
+                    }
+                    let u = displaced(slot as u32);
+                    for axis in 0..3 {
+                        low[axis] = if u[axis] < low[axis] { u[axis] } else { low[axis] };
+                        high[axis] = if u[axis] > high[axis] { u[axis] } else { high[axis] };
+                    }
+                }
+                (low, high)
+            })
+            .collect();
+        let size = Vec3::from(BRICK.map(|n| (n - 1) as f64)) * lattice.cell_m();
+        let own = |brick: usize| {
+            let corner = lattice.rest_position((brick * BRICK_SLOTS) as u32);
+            let then = before.map_or(now[brick], |before| before.displaced[brick]);
+            let (low, high) = (now[brick].0.inf(&then.0), now[brick].1.sup(&then.1));
+            (corner + low, corner + size + high)
+        };
+        let own: Vec<Bounds> = (0..lattice.bricks().len()).map(own).collect();
         // Cells at a brick's high faces reach into the next ones.
         let around = |brick: &[u16; 3]| {
             let next =
@@ -31,7 +49,7 @@ impl Extents {
             let there = next.filter(|&next| next != NO_BRICK).map(|next| own[next as usize]);
             there.reduce(|all, one| (all.0.inf(&one.0), all.1.sup(&one.1))).expect("a brick is there itself")
         };
-        Self { of_bricks: lattice.bricks().iter().map(around).collect() }
+        Self { of_bricks: lattice.bricks().iter().map(around).collect(), displaced: now }
     }
 
     /// Whether a brick comes within `reach` of a box.

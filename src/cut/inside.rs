@@ -102,7 +102,7 @@ mod tests {
     fn a_point_is_found_in_the_cell_and_at_the_place_that_it_was_put_and_nowhere_else() {
         let lattice = Lattice::new([9, 5, 6], 2e-3, &[1; 270]).unwrap();
         let (nodes, mut noise) = (Bent(&lattice), Noise(5));
-        let extents = Extents::new(&lattice, &nodes);
+        let extents = Extents::new(&lattice, |slot| nodes.to(slot) - lattice.rest_position(slot), None);
         let (mut points, mut expected) = (Vec::new(), Vec::new());
         for _ in 0..300 {
             let mut share = || 0.5 + 0.499 * noise.next();

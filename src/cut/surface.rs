@@ -31,7 +31,7 @@ use walls::{Replaced, Walls};
 
 mod arrange;
 mod divide;
-mod drawn;
+pub mod drawn;
 mod glue;
 pub mod grid;
 mod groups;

@@ -9,7 +9,7 @@ use super::margin::Margin;
 use super::surface::grid::{GridEdge, GridNode};
 use super::topology::LatticeEdge;
 use crate::math::Vec3;
-use crate::model::lattice::{BRICK_SLOTS, Lattice};
+use crate::model::lattice::Lattice;
 
 /// How far beyond the end of a segment, as a share of its length, a meeting still counts: segments of a blade that share a point leave no gap.
 const GAP: f64 = 1e-9;
@@ -73,11 +73,7 @@ impl Sweep {
         let reach = (margin.reach() + 2) as f64 * lattice.cell_m();
         let near: Vec<bool> =
             (0..lattice.bricks().len()).map(|brick| extents.is_near(brick, bounds, reach)).collect();
-        let is_near = |slot: u32| near[slot as usize / BRICK_SLOTS];
         let passed = |&(edge, tissue): &(GridEdge, [u32; 2])| {
-            if !tissue.into_iter().any(is_near) {
-                return None;
-            }
             let high = std::array::from_fn(|axis| edge.0[axis] + i32::from(axis == edge.1));
             let end = |node: GridNode, slot: u32| {
                 let place = Vec3::from(node.map(f64::from)) - BESIDE;
@@ -87,7 +83,7 @@ impl Sweep {
             let ends = [end(edge.0, tissue[0]), end(high, tissue[1])];
             self.passes(bounds, ends, || true).map(|at| (edge, at))
         };
-        margin.edges().iter().filter_map(passed).collect()
+        margin.edges_near(|brick| near[brick as usize]).filter_map(passed).collect()
     }
 
     /// Where the sweep crosses an edge whose ends move, if it is there at all.
@@ -233,7 +229,7 @@ mod tests {
             to: vec![point(-9.0, 9.0) + end, point(9.0, 9.0) + end],
         };
         let nodes = Displaced(&lattice, [start, end]);
-        let extents = Extents::new(&lattice, &nodes);
+        let extents = Extents::new(&lattice, |_| end, Some(&Extents::new(&lattice, |_| start, None)));
         let crossed: BTreeMap<GridEdge, f64> =
             sweep.crossed_beyond(&lattice, &margin, &nodes, &extents).into_iter().collect();
         let mut expected = 0;

@@ -6,6 +6,7 @@ pub mod build;
 pub mod efg;
 pub mod energy;
 pub mod extract;
+pub mod fans;
 mod fix;
 pub mod grid;
 pub mod import;

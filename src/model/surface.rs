@@ -2,6 +2,7 @@
 
 use super::binding::{CellSpace, bind};
 use super::extract;
+use super::fans::Fans;
 use super::lattice::Lattice;
 use super::mesh::TriangleMesh;
 use crate::error::{Error, Result};
@@ -39,11 +40,8 @@ pub struct Surface {
     pub materials: Vec<u8>,
     /// The nodes that move each vertex `[vertex_count]`.
     pub rows: Vec<Row>,
-    /// Where each vertex's part of `triangle_of` starts `[vertex_count + 1]`.
-    pub triangle_starts: Vec<u32>,
-    /// The triangles at each vertex, ascending `[3 × triangle_count]`: normals are gathered over them, in
-    /// this order.
-    pub triangle_of: Vec<u32>,
+    /// The triangles at each vertex, ascending: normals are gathered over them, in this order.
+    pub fans: Fans,
 }
 
 /// Lengths of a surface's triangles at rest, in m.
@@ -53,6 +51,33 @@ pub struct Edges {
     pub of_triangles: Vec<f32>,
     /// The least of those around each vertex `[vertex_count]`; infinite where there is no triangle.
     pub of_vertices: Vec<f32>,
+}
+
+impl Edges {
+    /// Takes over what has changed of a surface: `triangles` have other corners, or corners elsewhere, and `vertices` have other triangles around them. Gives the
+    /// vertices at which lengths may have changed, ascending.
+    pub fn follow(&mut self, surface: &Surface, triangles: &[u32], vertices: &[u32]) -> Vec<u32> {
+        self.of_triangles.resize(surface.triangles.len(), 0.0);
+        self.of_vertices.resize(surface.positions.len(), f32::INFINITY);
+        for &t in triangles {
+            self.of_triangles[t as usize] = surface.longest_edge(&surface.triangles[t as usize]);
+        }
+        let corners = triangles.iter().flat_map(|&t| surface.triangles[t as usize]);
+        let mut around: Vec<u32> = corners.chain(vertices.iter().copied()).collect();
+        around.sort_unstable();
+        around.dedup();
+        for &vertex in &around {
+            self.of_vertices[vertex as usize] = self.around(surface, vertex as usize);
+        }
+        around
+    }
+
+    /// The least of the longest edges of the triangles at a vertex.
+    fn around(&self, surface: &Surface, vertex: usize) -> f32 {
+        let lengths =
+            surface.triangles_at(vertex).iter().map(|&triangle| self.of_triangles[triangle as usize]);
+        lengths.fold(f32::INFINITY, f32::min)
+    }
 }
 
 impl Surface {
@@ -104,46 +129,44 @@ impl Surface {
                 materials.len()
             )));
         }
-        let (triangle_starts, triangle_of) = triangles_by_vertex(count, &mesh.triangles)?;
-
+        let fans = Fans::new(count, &mesh.triangles)?;
         let TriangleMesh { positions, triangles, mut uvs } = mesh;
         if uvs.is_empty() {
             uvs = mirrored_cylinder(&positions);
         }
         let first_wall = triangles.len();
-        Ok(Self { positions, triangles, first_wall, uvs, materials, rows, triangle_starts, triangle_of })
+        Ok(Self { positions, triangles, first_wall, uvs, materials, rows, fans })
     }
 
-    /// The same vertices without the triangles that hang on a node that is gone.
-    pub fn without(self, is_gone: impl Fn(u32) -> bool) -> Result<Self> {
-        let hangs = |row: &Row| (0..ROW).any(|n| row.weights[n] != 0.0 && is_gone(row.nodes[n]));
-        let is_lost: Vec<bool> = self.rows.iter().map(hangs).collect();
-        let is_kept = |triangle: &[u32; 3]| triangle.iter().all(|&vertex| !is_lost[vertex as usize]);
-        let first_wall =
-            self.triangles[..self.first_wall].iter().filter(|triangle| is_kept(triangle)).count();
-        let Self { positions, mut triangles, uvs, materials, rows, .. } = self;
-        triangles.retain(is_kept);
-        let surface = Self::bound(TriangleMesh { positions, triangles, uvs }, rows, materials)?;
-        Ok(Self { first_wall, ..surface })
+    /// Loses the triangles of vertices that hang on what is gone; all others keep their numbers.
+    pub fn lose(&mut self, is_lost: impl Fn(&Row) -> bool) -> Result<()> {
+        let is_lost: Vec<bool> = self.rows.iter().map(is_lost).collect();
+        let lost = |corners: &&mut [u32; 3]| corners.iter().any(|&vertex| is_lost[vertex as usize]);
+        self.triangles.iter_mut().filter(lost).for_each(|corners| *corners = [0; 3]);
+        self.fans = Fans::new(self.positions.len(), &self.triangles)?;
+        Ok(())
     }
 
     /// How long triangles are at rest: what contact goes by.
     pub fn edges(&self) -> Edges {
-        let longest = |triangle: &[u32; 3]| {
-            let p = triangle.map(|vertex| self.positions[vertex as usize]);
-            (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max) as f32
-        };
-        let of_triangles: Vec<f32> = self.triangles.iter().map(longest).collect();
-        let least = |vertex| {
-            let around = self.triangles_at(vertex).iter().map(|&triangle| of_triangles[triangle as usize]);
-            around.fold(f32::INFINITY, f32::min)
-        };
-        Edges { of_vertices: (0..self.positions.len()).map(least).collect(), of_triangles }
+        let of_triangles: Vec<f32> =
+            self.triangles.iter().map(|corners| self.longest_edge(corners)).collect();
+        let mut edges = Edges { of_vertices: vec![f32::INFINITY; self.positions.len()], of_triangles };
+        for vertex in 0..self.positions.len() {
+            edges.of_vertices[vertex] = edges.around(self, vertex);
+        }
+        edges
+    }
+
+    /// At rest, in m.
+    fn longest_edge(&self, corners: &[u32; 3]) -> f32 {
+        let p = corners.map(|vertex| self.positions[vertex as usize]);
+        (0..3).map(|i| (p[i] - p[(i + 1) % 3]).norm()).fold(0.0, f64::max) as f32
     }
 
     /// The triangles at a vertex, ascending.
     pub fn triangles_at(&self, vertex: usize) -> &[u32] {
-        &self.triangle_of[self.triangle_starts[vertex] as usize..self.triangle_starts[vertex + 1] as usize]
+        self.fans.at(vertex)
     }
 
     /// The unit normal at a vertex, its triangles weighted by their areas, when vertex `v` is at `position(v)`. A vertex without triangles, or whose triangles have no area or cancel,
@@ -162,33 +185,6 @@ impl Surface {
     pub fn rest_normals(&self) -> Vec<Vec3> {
         (0..self.positions.len()).map(|v| self.vertex_normal(v, |w| self.positions[w as usize])).collect()
     }
-}
-
-/// The triangles at each vertex in compressed rows: starts `[vertex_count + 1]` and triangles `[3 ×
-/// triangle_count]`, ascending in each row. A triangle that names a vertex twice stands twice in its row; it
-/// has no area, so that changes no normal.
-fn triangles_by_vertex(vertex_count: usize, triangles: &[[u32; 3]]) -> Result<(Vec<u32>, Vec<u32>)> {
-    if triangles.len() > (u32::MAX / 3) as usize {
-        return Err(Error::Limit(format!("a mesh of {} triangles is too large", triangles.len())));
-    }
-
-    let mut starts = vec![0_u32; vertex_count + 1];
-    for &v in triangles.iter().flatten() {
-        starts[v as usize + 1] += 1;
-    }
-    for v in 0..vertex_count {
-        starts[v + 1] += starts[v];
-    }
-
-    let mut next = starts.clone();
-    let mut triangle_of = vec![0; 3 * triangles.len()];
-    for (triangle, corners) in triangles.iter().enumerate() {
-        for &v in corners {
-            triangle_of[next[v as usize] as usize] = triangle as u32;
-            next[v as usize] += 1;
-        }
-    }
-    Ok((starts, triangle_of))
 }
 
 /// Texture coordinates without a seam, in metres: a cylinder around the z axis through the middle of the
@@ -298,7 +294,8 @@ mod tests {
     fn every_corner_of_every_triangle_stands_in_its_vertexs_row() {
         let (space, labels) = ball_in_a_block();
         let surface = Surface::from_cells(&labels, |label| label == ORGAN, &space).unwrap();
-        assert_eq!(surface.triangle_of.len(), 3 * surface.triangles.len());
+        let listed: usize = (0..surface.positions.len()).map(|v| surface.triangles_at(v).len()).sum();
+        assert_eq!(listed, 3 * surface.triangles.len());
         for v in 0..surface.positions.len() {
             let row = surface.triangles_at(v);
             assert!(row.is_sorted());

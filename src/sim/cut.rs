@@ -1,6 +1,6 @@
 //! What cuts have done to a running simulation, and what is left of its tissue.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::event::Event;
@@ -8,8 +8,9 @@ use super::state::State;
 use crate::cut::extents::Extents;
 use crate::cut::inside::{Inside, locate};
 use crate::cut::margin::Margin;
+use crate::cut::surface::drawn::{Drawing, Drawn, Redrawn};
 use crate::cut::surface::grid::GridEdge;
-use crate::cut::surface::{CutSurface, reach, room};
+use crate::cut::surface::{CutSurface, SurfaceChange, reach, room};
 use crate::cut::sweep::{Moving, Sweep};
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
@@ -25,8 +26,10 @@ pub(super) struct Cuts {
     margin: Arc<Margin>,
     /// Edges outside of all tissue, and where they were crossed.
     beyond: HashMap<GridEdge, f64>,
-    /// The model's surfaces, cut; none before the first cell is divided, and where there never was one that is closed.
+    /// The model's surfaces, cut; none where there never was one that is closed.
     surfaces: Vec<Option<CutSurface>>,
+    /// How those are drawn; none where what is drawn is not what is cut.
+    drawn: Vec<Option<Drawn>>,
     /// Where the last blade stands that was not a tool's, model frame.
     blade: Vec<Vec3>,
     pub seen: Seen,
@@ -56,32 +59,49 @@ impl Cuts {
         }
     }
 
-    fn new(model: &Model, copies: usize) -> Self {
+    /// None as yet. All that the first cut would else have to find out is found out here.
+    pub fn new(model: &Model, copies: usize) -> Self {
         let lattice = model.lattice();
         let capacity = copies.div_ceil(BRICK_SLOTS) * BRICK_SLOTS;
+        let topology = Topology::new(lattice.slot_count() as u32, capacity);
+        let uncut = |surface: &Arc<Surface>| {
+            let cut = CutSurface::new(surface, lattice, &topology, &HashMap::new()).ok()?;
+            Some((cut, Drawn::uncut(surface, room(surface, copies))))
+        };
+        let (surfaces, drawn) = model.surfaces().iter().map(|surface| uncut(surface).unzip()).unzip();
         let farthest = model.surfaces().iter().map(|surface| reach(surface, lattice)).max();
         Self {
-            topology: Topology::new(lattice.slot_count() as u32, capacity),
+            topology,
             margin: Arc::new(Margin::new(lattice, farthest.unwrap_or_default())),
             beyond: HashMap::new(),
-            surfaces: Vec::new(),
+            surfaces,
+            drawn,
             blade: Vec::new(),
             seen: Seen::default(),
         }
     }
 
-    /// Has the surfaces follow a change. Gives, for each, whether it has changed; one that cannot follow stays as it was, and tries again at the next change.
-    fn follow(&mut self, model: &Model, change: &Change, beyond: &[(GridEdge, f64)]) -> Vec<Result<bool>> {
+    /// Those of the same tissue without a cut.
+    fn uncut(&self, model: &Model, copies: usize) -> Self {
+        if self.topology.version() > 0 || !self.beyond.is_empty() {
+            return Self::new(model, copies);
+        }
+        Self { blade: Vec::new(), seen: Seen::default(), ..self.clone() }
+    }
+
+    /// Has the surfaces follow a change. Gives, for each, what has changed, `None` where that may be all; one that cannot follow stays as it was, and tries again at the next change.
+    fn follow(
+        &mut self,
+        model: &Model,
+        change: &Change,
+        beyond: &[(GridEdge, f64)],
+    ) -> Vec<Result<Option<SurfaceChange>>> {
         let (lattice, topology, all) = (model.lattice(), &self.topology, &self.beyond);
-        self.surfaces.resize_with(model.surfaces().len(), || None);
         let follow = |(cut, surface): (&mut Option<CutSurface>, &Arc<Surface>)| match cut {
-            Some(cut) => {
-                let changed = cut.update(surface, lattice, topology, change, beyond.iter().copied())?;
-                Ok(!changed.is_empty())
-            }
+            Some(cut) => cut.update(surface, lattice, topology, change, beyond.iter().copied()).map(Some),
             None => {
                 *cut = Some(CutSurface::new(surface, lattice, topology, all)?);
-                Ok(true)
+                Ok(None)
             }
         };
         self.surfaces.iter_mut().zip(model.surfaces()).map(follow).collect()
@@ -126,29 +146,23 @@ impl Moving for Nodes<'_> {
     }
 }
 
-/// A cut surface of a model as it is drawn, without what hangs on `vacant` nodes. Fails where there is no room for it.
-fn within_room(
+/// Draws what has changed of a cut surface, or all of it.
+fn draw(
     cut: &CutSurface,
-    model: &Model,
-    index: usize,
-    copies: usize,
-    vacant: &HashSet<u32>,
-) -> Result<Surface> {
-    let [vertices, triangles] = room(&model.surfaces()[index], copies);
-    let drawn = left_of(cut.drawn(model.lattice().cell_m())?, vacant)?;
-    if drawn.positions.len() > vertices || drawn.triangles.len() > triangles {
-        return Err(Error::Limit(format!(
-            "the cut surface has {} vertices and {} triangles, and there is room for {vertices} and {triangles}",
-            drawn.positions.len(),
-            drawn.triangles.len()
-        )));
+    changed: Option<SurfaceChange>,
+    own: &Surface,
+    drawing: Drawing<'_>,
+    drawn: &mut Option<Drawn>,
+    surface: &mut Surface,
+) -> Result<Redrawn> {
+    if let (Some(drawn), Some(changed)) = (&mut *drawn, changed)
+        && let Some(redrawn) = drawn.follow(cut, &changed, drawing, surface)?
+    {
+        return Ok(redrawn);
     }
-    Ok(drawn)
-}
-
-/// A surface without what hangs on `vacant` nodes.
-fn left_of(surface: Surface, vacant: &HashSet<u32>) -> Result<Surface> {
-    if vacant.is_empty() { Ok(surface) } else { surface.without(|slot| vacant.contains(&slot)) }
+    let (anew, all) = Drawn::new(cut, own.positions.len(), drawing)?;
+    (*drawn, *surface) = (Some(anew), all);
+    Ok(Redrawn::all())
 }
 
 impl State {
@@ -187,7 +201,8 @@ impl State {
             seen.before.clone_from(&seen.now);
         }
         let lattice = self.model.lattice();
-        seen.extents = Extents::new(lattice, &Nodes { lattice, seen });
+        let (now, before) = (&seen.now, goes_on.then_some(&seen.extents));
+        seen.extents = Extents::new(lattice, |slot| now[slot as usize], before);
         seen.at_step = self.statistics.steps;
     }
 
@@ -217,8 +232,8 @@ impl State {
     /// Has surfaces and solver follow a cut.
     pub fn take_cut(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<()> {
         let model = self.model.clone();
-        let is_seen = self.draw(cuts, change, beyond)?;
-        if change.reshaped().next().is_none() && !is_seen {
+        let redrawn = self.draw(cuts, change, beyond)?;
+        if change.reshaped().next().is_none() && redrawn.iter().all(Redrawn::is_empty) {
             return Ok(());
         }
         // Should the rest fail, steps are only shorter than they need be.
@@ -226,7 +241,8 @@ impl State {
         self.statistics.stable_substep_s = self.body.stable_dt;
         let mut flags = self.flags_of_copies(&cuts.topology);
         flags.extend(change.removed.iter().map(|&slot| (slot, flag::FIX_ALL)));
-        let taken = self.solver.cut(&cuts.topology, change, &self.surfaces);
+        let surfaces: Vec<_> = self.surfaces.iter().map(Arc::as_ref).zip(&redrawn).collect();
+        let taken = self.solver.cut(&cuts.topology, change, &surfaces);
         let taken = taken.and_then(|()| self.solver.set_flags(&flags, self.body.stable_dt));
         self.heed(taken)?;
         self.statistics.divided_cells = cuts.topology.cell_count() as u64;
@@ -235,38 +251,50 @@ impl State {
         Ok(())
     }
 
-    /// Draws the surfaces anew that a change has changed; whether there is one. Those that cannot follow, or for which there is no room, stay as they were.
-    fn draw(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<bool> {
+    /// Draws what a change has changed of the surfaces; gives what that is. Those that cannot follow, or for which there is no room, stay as they were.
+    fn draw(&mut self, cuts: &mut Cuts, change: &Change, beyond: &[(GridEdge, f64)]) -> Result<Vec<Redrawn>> {
         let model = self.model.clone();
         let answers = cuts.follow(&model, change, beyond);
-        let (vacant, removes) = (cuts.topology.vacant(), !change.removed.is_empty());
-        let mut is_seen = removes;
+        let vacant = cuts.topology.vacant();
+        let removes = !change.removed.is_empty();
+        let mut all = Vec::with_capacity(answers.len());
         for (index, answer) in answers.into_iter().enumerate() {
-            let drawn = answer.and_then(|changed| {
-                let cut = cuts.surfaces[index].as_ref().filter(|_| changed || removes);
-                cut.map(|cut| within_room(cut, &model, index, self.desc.cut_nodes, &vacant)).transpose()
+            let own = &model.surfaces()[index];
+            let drawing = Drawing {
+                cell_m: model.lattice().cell_m(),
+                vacant: &vacant,
+                room: room(own, self.desc.cut_nodes),
+            };
+            let (cut, drawn) = (&cuts.surfaces[index], &mut cuts.drawn[index]);
+            let surface = &mut self.surfaces[index];
+            let redrawn = answer.and_then(|changed| match cut {
+                Some(cut) if removes || changed.as_ref().is_none_or(|changed| !changed.is_empty()) => {
+                    draw(cut, changed.filter(|_| !removes), own, drawing, drawn, Arc::make_mut(surface))
+                }
+                _ => Ok(Redrawn::default()),
             });
-            if drawn.is_err() && removes {
-                // It stays as it was, but for what is gone.
-                self.surfaces[index] = Arc::new(left_of((*self.surfaces[index]).clone(), &vacant)?);
-            }
-            match drawn {
-                Ok(None) => {}
-                Ok(Some(surface)) => {
-                    self.surfaces[index] = Arc::new(surface);
-                    self.is_behind[index] = false;
-                    is_seen = true;
+            all.push(match redrawn {
+                Ok(redrawn) => {
+                    self.is_behind[index] &= drawn.is_none();
+                    redrawn
                 }
-                // Told once, until it follows.
-                Err(_) if std::mem::replace(&mut self.is_behind[index], true) => {}
                 Err(_) => {
-                    let (time_s, surface) = (self.statistics.time_s, index);
-                    self.events.tell(Event::SurfaceBehind { time_s, surface });
+                    *drawn = None;
+                    if removes {
+                        // It stays as it was, but for what is gone.
+                        Arc::make_mut(surface).lose(|row| drawing.is_lost(row))?;
+                    }
+                    // Told once, until it follows.
+                    if !std::mem::replace(&mut self.is_behind[index], true) {
+                        let (time_s, surface) = (self.statistics.time_s, index);
+                        self.events.tell(Event::SurfaceBehind { time_s, surface });
+                    }
+                    if removes { Redrawn::all() } else { Redrawn::default() }
                 }
-            }
+            });
         }
-        self.surface_version += u64::from(is_seen);
-        Ok(is_seen)
+        self.surface_version += u64::from(all.iter().any(|redrawn| !redrawn.is_empty()));
+        Ok(all)
     }
 
     /// Where points of the model frame are in whole soft cells, as last looked at.
@@ -279,7 +307,11 @@ impl State {
 
     /// Makes tissue whole; a reset of the solver follows.
     pub fn heal(&mut self) -> Result<()> {
-        let Some(cuts) = self.cuts.take().filter(|cuts| cuts.topology.version() > 0) else { return Ok(()) };
+        let Some(cuts) = self.cuts.take() else { return Ok(()) };
+        self.cuts = Some(cuts.uncut(&self.model, self.desc.cut_nodes));
+        if cuts.topology.version() == 0 {
+            return Ok(());
+        }
         let flags: Vec<_> =
             cuts.topology.removed().map(|slot| (slot, self.body.flags[slot as usize])).collect();
         let healed = self.solver.set_flags(&flags, self.body.stable_dt).and_then(|()| self.solver.heal());

@@ -103,6 +103,7 @@ impl State {
     pub fn new(model: Arc<Model>, desc: SimDesc, solver: Box<dyn Solver>, events: Events) -> Result<Self> {
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let body = Body::new(&model, solver.stable_dt());
+        let cuts = (desc.cut_nodes > 0).then(|| Cuts::new(&model, desc.cut_nodes));
         let mut state = Self {
             statistics: Statistics {
                 stable_substep_s: solver.stable_dt(),
@@ -134,7 +135,7 @@ impl State {
             touched: Vec::with_capacity(MAX_TOUCHED),
             carried: Carried::default(),
             events,
-            cuts: None,
+            cuts,
             surfaces: model.surfaces().to_vec(),
             is_behind: vec![false; model.surfaces().len()],
             surface_version: 0,
@@ -411,7 +412,7 @@ impl State {
     /// Fills a surface's arrays; gives the simulated time.
     pub fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<f64> {
         let _range = trace::range(c"publish");
-        let published = self.solver.publish(index, field, arrays);
+        let published = self.solver.publish(index, &self.surfaces[index], field, arrays);
         self.heed(published)?;
         Ok(self.statistics.time_s)
     }

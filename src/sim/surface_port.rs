@@ -15,8 +15,11 @@ use crate::solver::{SurfaceArrays, SurfaceField};
 pub struct SurfacePort {
     state: Arc<Mutex<Option<State>>>,
     index: usize,
-    /// What it showed last.
-    surface: Arc<Surface>,
+    /// What cuts alone change, as it was shown last.
+    triangles: Vec<[u32; 3]>,
+    uvs: Vec<[f32; 2]>,
+    materials: Vec<u8>,
+    first_wall: usize,
     topology_version: u64,
     /// Vertices of the model's own surface, which keep their numbers.
     own: usize,
@@ -51,9 +54,9 @@ pub struct SurfaceFrame<'a> {
     pub uvs: &'a [[f32; 2]],
     /// Material indices, 1 to 15.
     pub materials: &'a [u8],
-    /// Vertex indices `[triangle_count]`.
+    /// Vertex indices `[triangle_count]`. Once tissue is cut some are `[0, 0, 0]`, places for triangles to come; vertices that no triangle names are such places too.
     pub triangles: &'a [[u32; 3]],
-    /// The first of the triangles that cuts have laid open: all after it are. Their vertices are theirs alone, and follow all others.
+    /// The first of the triangles that cuts have laid open: all after it are. Their vertices are theirs alone.
     pub first_wall: usize,
     /// Counts changes of the arrays' lengths, `triangles`, `uvs` and `materials`; 0 until the first cut. What is there stays valid for the frame.
     pub topology_version: u64,
@@ -85,7 +88,10 @@ impl SurfacePort {
         Ok(Self {
             state,
             index,
-            surface: surface.clone(),
+            triangles: surface.triangles.clone(),
+            uvs: surface.uvs.clone(),
+            materials: surface.materials.clone(),
+            first_wall: surface.first_wall,
             topology_version: 0,
             own: count,
             kept: 0,
@@ -100,11 +106,14 @@ impl SurfacePort {
     }
 
     /// Takes another surface. Vertices that cuts have made were where they are now.
-    fn show(&mut self, surface: &Arc<Surface>, version: u64) {
+    fn show(&mut self, surface: &Surface, version: u64) {
         if self.topology_version == version {
             return;
         }
-        (self.surface, self.topology_version) = (surface.clone(), version);
+        self.triangles.clone_from(&surface.triangles);
+        self.uvs.clone_from(&surface.uvs);
+        self.materials.clone_from(&surface.materials);
+        (self.first_wall, self.topology_version) = (surface.first_wall, version);
         let count = surface.positions.len();
         self.kept = self.kept.min(self.own);
         for array in [&mut self.positions, &mut self.previous, &mut self.normals] {
@@ -155,16 +164,15 @@ impl SurfacePort {
                 "the simulation ended before this surface was mapped for the first time",
             ));
         }
-        let surface = &self.surface;
         Ok(SurfaceFrame {
             positions: numbers(&self.positions),
             normals: numbers(&self.normals),
             previous_positions: numbers(&self.previous),
             scalars: &self.scalars,
-            uvs: &surface.uvs,
-            materials: &surface.materials,
-            triangles: &surface.triangles,
-            first_wall: surface.first_wall,
+            uvs: &self.uvs,
+            materials: &self.materials,
+            triangles: &self.triangles,
+            first_wall: self.first_wall,
             topology_version: self.topology_version,
             time_s: self.time_s,
             is_running: false,

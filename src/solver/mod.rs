@@ -9,6 +9,7 @@ pub mod tool;
 use std::any::Any;
 use std::sync::Arc;
 
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::{Pose, Vec3};
@@ -160,8 +161,14 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Shows the contacts of the tool with index `tool` in the last plan, model frame.
     fn contacts(&self, tool: usize, show: &mut dyn FnMut(Contact));
 
-    /// Computes a surface as it is now. Fails when the device is lost, or has no room.
-    fn publish(&mut self, surface: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()>;
+    /// Computes the model's surface `index`, of which cuts have made `surface`, as it is now. Fails when the device is lost, or has no room.
+    fn publish(
+        &mut self,
+        index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()>;
 
     /// Mass of the node in a slot in kg, of the lattice or a copy.
     fn mass(&self, slot: u32) -> f64;
@@ -200,9 +207,9 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Replaces the flags of these slots: what is held from now on stays where it is. As [`Self::set_laws`] for the rest.
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
-    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's. [`Self::set_flags`] with
+    /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's, and what is new in them. [`Self::set_flags`] with
     /// those of all copies, or [`Self::restore`], follows. Fails when the device is lost, or has no room.
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()>;
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()>;
 
     /// Forgets all cuts; [`Self::reset`] or [`Self::restore`] follows. Fails when the device is lost.
     fn heal(&mut self) -> Result<()>;

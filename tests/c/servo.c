@@ -29,7 +29,8 @@ static double size_of(const plp_servo *servo) {
 typedef struct {
     plp_tool *tool;
     double z, stamp_s;
-    uint32_t buttons, flags;
+    uint32_t flags;
+    _Atomic uint32_t buttons; /* pressed by another thread */
     plp_servo felt;
 } hand;
 

@@ -10,7 +10,7 @@ use palpate::model::mesh::TriangleMesh;
 use palpate::model::{Build, Fix, LabelUse, Model, SurfaceSource};
 use palpate::sim::{Event, NodeField, Sim, SurfacePort};
 
-use super::surface::{check_closed, points};
+use super::closed::{check_closed, points, there};
 use super::{CELL_M, DENSITY_KG_M3, METHODS, POISSON, YOUNG_PA, simulation};
 
 const CELLS: [usize; 3] = [14, 4, 4];
@@ -62,7 +62,8 @@ fn told(sim: &mut Sim) -> Vec<usize> {
 /// The triangles that are shown of a surface, how many of them are walls, and where vertices are.
 fn shown(port: &mut SurfacePort) -> (Vec<[u32; 3]>, usize, Vec<Vec3>) {
     let frame = port.map().unwrap();
-    (frame.triangles.to_vec(), frame.triangles.len() - frame.first_wall, points(&frame))
+    let walls = there(&frame.triangles[frame.first_wall..]).count();
+    (there(frame.triangles).copied().collect(), walls, points(&frame))
 }
 
 #[test]

@@ -10,7 +10,7 @@ use palpate::solver::load::Load;
 use palpate::solver::method::Method;
 use palpate::solver::tool::{Shape, ToolDesc, ToolMotion};
 
-use super::closed::{check_closed, points};
+use super::closed::{check_closed, points, there};
 use super::{CELL_M, DENSITY_KG_M3, EXACT, METHODS, beam, simulation, slit};
 
 /// How much a ball's hole in the grid may differ from the ball: walls are flat between edges of cells.
@@ -69,7 +69,7 @@ fn a_ball_leaves_a_hole_of_its_volume_and_all_else_as_it_was() {
         // Walls are the ball's surface, looked at from the tissue: within what a chord of a cell leaves.
         let middle = Vec3::new(5.1, 4.8, 5.3) * CELL_M;
         assert!(frame.first_wall < frame.triangles.len());
-        for corners in &frame.triangles[frame.first_wall..] {
+        for corners in there(&frame.triangles[frame.first_wall..]) {
             for v in corners.map(|v| v as usize) {
                 let radius = (at[v] - middle).norm() / CELL_M;
                 assert!((radius - 3.3).abs() < 0.2, "{radius}");
@@ -175,7 +175,7 @@ fn a_part_that_was_cut_off_can_be_taken_away_and_the_other_does_not_notice() {
         }
         assert!(sim.parts().is_empty());
         sim.step().unwrap();
-        assert!(surface.map().unwrap().triangles.is_empty());
+        assert!(there(surface.map().unwrap().triangles).next().is_none());
         check_account(&mut sim, &model);
     }
 }

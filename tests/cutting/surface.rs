@@ -10,7 +10,7 @@ use palpate::model::{Build, Fix, LabelUse, Model};
 use palpate::sim::Sim;
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-use super::closed::{check_closed, points};
+use super::closed::{check_closed, points, there};
 use super::{CELL_M, METHODS, beam, simulation, slit};
 
 /// A block of 6 × 6 × 8 cells, held at z = 0.
@@ -44,7 +44,7 @@ fn a_cut_is_seen_as_closed_parts_with_walls_in_the_blades_plane() {
         let at = points(&frame);
         assert_eq!(at[..before.len()], before, "vertices of the model's own surface keep their numbers");
         assert!((check_closed(&frame, &at) / whole - 1.0).abs() < 1e-5);
-        for corners in &frame.triangles[frame.first_wall..] {
+        for corners in there(&frame.triangles[frame.first_wall..]) {
             for v in corners.map(|v| v as usize) {
                 assert!((at[v].z - 1.7 * CELL_M).abs() < 1e-3 * CELL_M, "a wall lies in the cut");
                 assert!(frame.normals[v][2].abs() > 0.999, "and is flat");

@@ -8,6 +8,11 @@ use palpate::sim::SurfaceFrame;
 /// Points that are nearer to each other are one, in m.
 const APART_M: f64 = 2e-7;
 
+/// Triangles but for the places kept for others to come.
+pub fn there(triangles: &[[u32; 3]]) -> impl Iterator<Item = &[u32; 3]> {
+    triangles.iter().filter(|corners| **corners != [0; 3])
+}
+
 /// A surface's points, in double precision.
 pub fn points(frame: &SurfaceFrame<'_>) -> Vec<Vec3> {
     frame.positions.iter().map(|p| Vec3::new(p[0].into(), p[1].into(), p[2].into())).collect()

@@ -27,7 +27,7 @@ pub struct plp_surface_view {
     pub uvs: *const f32,
     /// Materials, from 1 [vertex_count].
     pub materials: *const u8,
-    /// Vertex indices, counter-clockwise seen from outside [triangle_count * 3].
+    /// Vertex indices, counter-clockwise seen from outside [triangle_count * 3]. Once tissue is cut some triangles are 0, 0, 0: places for others to come.
     pub triangles: *const u32,
     /// Number of vertices.
     pub vertex_count: u64,

@@ -61,6 +61,16 @@ impl Awake {
         }
     }
 
+    /// There is another surface, of so many triangles and vertices.
+    pub fn reserve(&mut self, triangles: usize, vertices: usize) {
+        self.restart();
+        self.quiet.reserve(triangles);
+        self.triangles.clear();
+        self.triangles.reserve(triangles);
+        self.corners.reserve(vertices.saturating_sub(self.corners.len()));
+        self.is_placed.reserve(vertices.saturating_sub(self.is_placed.len()));
+    }
+
     /// The list has been made anew.
     pub fn restart(&mut self) {
         self.quiet.clear();

@@ -27,6 +27,7 @@ use self::near::{Listed, Near, position};
 use self::node_index::{MAX_NODES, NodeIndex};
 use super::lanes::Real;
 use super::nodes::{Bricks, Field};
+use crate::cut::surface::drawn::Redrawn;
 use crate::math::{Pose, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
@@ -192,14 +193,39 @@ impl ContactSurface {
     }
 
     /// A cut has made another surface of it.
-    pub fn renew(&mut self, surface: Arc<Surface>) {
-        let vertices = surface.positions.len();
-        self.near = Near::new(&surface, self.model.lattice());
-        self.awake = Awake::new(surface.triangles.len(), vertices);
-        self.probed = Vec::with_capacity(vertices);
-        self.edges = surface.edges();
-        self.surface = surface;
+    pub fn follow(&mut self, surface: &Surface, redrawn: &Redrawn) {
         self.clear();
+        if redrawn.is_empty() {
+            return;
+        }
+        let own = Arc::make_mut(&mut self.surface);
+        redrawn.copy(surface, own);
+        if redrawn.is_all {
+            self.renew();
+            return;
+        }
+        let moved = redrawn.moved(own);
+        self.near.follow(own, self.model.lattice(), &moved, &redrawn.vertices);
+        self.edges.follow(own, &moved, &redrawn.fans);
+        self.awake.reserve(own.triangles.len(), own.positions.len());
+        self.probed.clear();
+        self.probed.reserve(own.positions.len());
+    }
+
+    /// The tissue is whole again.
+    pub fn heal(&mut self) {
+        self.surface = self.model.surfaces()[self.model.contact_surface()].clone();
+        self.clear();
+        self.renew();
+    }
+
+    /// The surface may be another one altogether.
+    fn renew(&mut self) {
+        let vertices = self.surface.positions.len();
+        self.near = Near::new(&self.surface, self.model.lattice());
+        self.awake = Awake::new(self.surface.triangles.len(), vertices);
+        self.probed = Vec::with_capacity(vertices);
+        self.edges = self.surface.edges();
     }
 
     /// Bricks whose nodes were pushed in the last substep.

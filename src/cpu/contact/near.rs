@@ -4,10 +4,13 @@
 //! stays good while the tools stay in their boxes and no node has moved further than that room, so that it is made once in many substeps: where
 //! tissue is fast, there is more room.
 
+use std::collections::BTreeMap;
+
 use super::super::lanes::Real;
 use super::super::nodes::{Bricks, Field};
 use super::awake::USUAL_TOOLS;
 use crate::math::Vec3;
+use crate::model::fans::is_there;
 use crate::model::lattice::{BRICK_SLOTS, Lattice};
 use crate::model::surface::{ROW, Surface};
 use crate::solver::ToolStep;
@@ -20,17 +23,20 @@ const MOST_ROOM: f64 = 8.0;
 /// In [`Near::place_of`]: not looked at, and looked at but part of no listed triangle.
 const UNSEEN: u32 = u32::MAX;
 const FAR: u32 = u32::MAX - 1;
-/// In [`Group::bricks`]: copies of nodes, which stand in bricks that are nobody's neighbours.
+/// In [`Hung`]: copies of nodes, which stand in bricks that are nobody's neighbours.
 const ANYWHERE: u32 = u32::MAX;
+/// Of no triangle: there are not so many bricks.
+const NOWHERE: Hung = [u32::MAX - 1; 3];
 /// On which sides of the boxes a point lies: a byte for each box, in turn; where boxes share one, the sides on which it lies of all of them.
 type Sides = [u8; 8];
 
-/// The listed triangles. Everything is allocated once.
+/// The listed triangles. What a step uses is allocated once.
 #[derive(Debug)]
 pub struct Near {
-    groups: Vec<Group>,
-    /// Triangles in the order of their groups.
-    grouped: Vec<u32>,
+    /// By the bricks that corners hang on.
+    groups: BTreeMap<Hung, Group>,
+    /// Those of each triangle; [`NOWHERE`] where there is none.
+    hung: Vec<Hung>,
     triangles: Vec<Listed>,
     /// Their vertices, each once: six triangles share a vertex, and moving one reads eight nodes.
     vertices: Vec<u32>,
@@ -61,14 +67,23 @@ pub struct Listed {
     pub places: [u32; 3],
 }
 
+/// The bricks that a triangle's corners hang on, ascending. One that hangs on copies of nodes has [`ANYWHERE`] last.
+type Hung = [u32; 3];
+
 /// Triangles whose corners hang on the same bricks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Group {
-    /// Ascending; a triangle may reach over several. One that hangs on copies of nodes has [`ANYWHERE`] last.
-    bricks: [u32; 3],
-    start: u32,
-    end: u32,
+    /// Ascending.
+    triangles: Vec<u32>,
+    /// Around their corners at rest, and those of triangles that were here before.
     bounds: Bounds,
+}
+
+impl Default for Group {
+    fn default() -> Self {
+        let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+        Self { triangles: Vec::new(), bounds: Bounds { low, high } }
+    }
 }
 
 /// A box along the axes.
@@ -105,53 +120,70 @@ impl Bounds {
 impl Near {
     /// An empty list of a surface.
     pub fn new(surface: &Surface, lattice: &Lattice) -> Self {
-        let h = lattice.cell_m();
-        let (brick_of, first_copy) = (|slot: u32| slot / BRICK_SLOTS as u32, lattice.slot_count() as u32);
-        let bricks_of = |t: &[u32; 3]| {
-            let rows = t.map(|v| &surface.rows[v as usize].nodes);
-            let mut own = rows.into_iter().flatten().copied().filter(|&slot| slot < first_copy);
-            if own.clone().count() < rows.len() * ROW {
-                return [own.next().map_or(ANYWHERE, brick_of), ANYWHERE, ANYWHERE];
-            }
-            let mut bricks = rows.map(|nodes| brick_of(nodes[0]));
-            bricks.sort_unstable();
-            bricks
+        let mut near = Self {
+            groups: BTreeMap::new(),
+            hung: Vec::new(),
+            triangles: Vec::new(),
+            vertices: Vec::new(),
+            place_of: Vec::new(),
+            seen: Vec::new(),
+            sides_of: Vec::new(),
+            boxes: Vec::with_capacity(USUAL_TOOLS),
+            travelled: f64::INFINITY,
+            pace: 0.0,
+            cell_m: lattice.cell_m(),
+            levers: Vec::new(),
+            lever: 1.0,
         };
-        let mut grouped: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-        grouped.sort_by_key(|&t| (bricks_of(&surface.triangles[t as usize]), t));
+        let [triangles, vertices] = [surface.triangles.len(), surface.positions.len()]
+            .map(|count| (0..count as u32).collect::<Vec<_>>());
+        near.follow(surface, lattice, &triangles, &vertices);
+        near
+    }
 
-        let mut groups: Vec<Group> = Vec::new();
-        for (at, &t) in grouped.iter().enumerate() {
-            let corners = surface.triangles[t as usize];
-            let bricks = bricks_of(&corners);
-            if groups.last().is_none_or(|group| group.bricks != bricks) {
-                let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-                groups.push(Group { bricks, start: at as u32, end: at as u32, bounds: Bounds { low, high } });
+    /// Takes over what has changed of a surface, and forgets the list: `triangles` have other corners, or such as lie elsewhere, and `vertices` hang on other nodes; both ascend.
+    pub fn follow(&mut self, surface: &Surface, lattice: &Lattice, triangles: &[u32], vertices: &[u32]) {
+        self.forget();
+        (self.travelled, self.pace) = (f64::INFINITY, 0.0);
+        let (triangle_count, vertex_count) = (surface.triangles.len(), surface.positions.len());
+        self.hung.resize(triangle_count, NOWHERE);
+        for &t in triangles {
+            let corners = &surface.triangles[t as usize];
+            let now = if is_there(corners) { bricks_of(surface, lattice, corners) } else { NOWHERE };
+            let then = std::mem::replace(&mut self.hung[t as usize], now);
+            if then != now
+                && let Some(group) = self.groups.get_mut(&then)
+            {
+                if let Ok(at) = group.triangles.binary_search(&t) {
+                    group.triangles.remove(at);
+                }
+                if group.triangles.is_empty() {
+                    self.groups.remove(&then);
+                }
             }
-            let group = groups.last_mut().expect("a group was just pushed if there was none");
-            group.end = at as u32 + 1;
+            if now == NOWHERE {
+                continue;
+            }
+            let group = self.groups.entry(now).or_default();
+            if let Err(at) = group.triangles.binary_search(&t) {
+                group.triangles.insert(at, t);
+            }
             for p in corners.map(|v| surface.positions[v as usize]) {
                 group.bounds.low = group.bounds.low.inf(&p);
                 group.bounds.high = group.bounds.high.sup(&p);
             }
         }
-        let vertices = surface.positions.len();
-        let levers: Vec<f32> = surface.rows.iter().map(|row| lever(&row.weights)).collect();
-        Self {
-            triangles: Vec::with_capacity(grouped.len()),
-            vertices: Vec::with_capacity(vertices),
-            place_of: vec![UNSEEN; vertices],
-            seen: Vec::with_capacity(vertices),
-            sides_of: vec![Sides::default(); vertices],
-            boxes: Vec::with_capacity(USUAL_TOOLS),
-            travelled: f64::INFINITY,
-            pace: 0.0,
-            cell_m: h,
-            lever: levers.iter().copied().map(f64::from).fold(1.0, f64::max),
-            levers,
-            groups,
-            grouped,
+        self.levers.resize(vertex_count, 1.0);
+        for &v in vertices {
+            self.levers[v as usize] = lever(&surface.rows[v as usize].weights);
         }
+        self.lever = self.levers.iter().copied().fold(1.0, f32::max).into();
+        // Room for all of it, so that a step finds it there.
+        self.triangles.reserve(triangle_count);
+        self.vertices.reserve(vertex_count);
+        self.seen.reserve(vertex_count.saturating_sub(self.seen.len()));
+        self.place_of.resize(vertex_count, UNSEEN);
+        self.sides_of.resize(vertex_count, Sides::default());
     }
 
     /// The listed triangles.
@@ -209,7 +241,7 @@ impl Near {
         let room = (LASTING * self.pace).clamp(ROOM * self.cell_m, MOST_ROOM * self.cell_m);
         self.boxes.extend(tools.iter().map(|tool| way(tool, reach + room)));
 
-        let Self { groups, grouped, triangles, vertices, place_of, seen, sides_of, boxes, lever, .. } = self;
+        let Self { groups, triangles, vertices, place_of, seen, sides_of, boxes, lever, .. } = self;
         for vertex in seen.drain(..) {
             place_of[vertex as usize] = UNSEEN;
         }
@@ -222,14 +254,15 @@ impl Near {
         let is_near = |bounds: &Bounds, slack: f64| boxes.iter().any(|tool| tool.meets(bounds, slack));
         // Most groups lie too far away whoever moves.
         let furthest = (0..bricks.count()).map(&moved).fold(0.0, f64::max);
-        for group in groups.iter().filter(|group| is_near(&group.bounds, furthest * *lever)) {
-            if group.bricks[2] != ANYWHERE {
-                let around = group.bricks.iter().flat_map(|&brick| bricks.around(brick as usize));
+        let near_rest = |(_, group): &(&Hung, &Group)| is_near(&group.bounds, furthest * *lever);
+        for (hung, group) in groups.iter().filter(near_rest) {
+            if hung[2] != ANYWHERE {
+                let around = hung.iter().flat_map(|&brick| bricks.around(brick as usize));
                 if !is_near(&group.bounds, around.map(&moved).fold(0.0, f64::max) * *lever) {
                     continue;
                 }
             }
-            for &triangle in &grouped[group.start as usize..group.end as usize] {
+            for &triangle in &group.triangles {
                 let corners = surface.triangles[triangle as usize];
                 for vertex in corners.map(|vertex| vertex as usize) {
                     if place_of[vertex] == UNSEEN {
@@ -256,6 +289,19 @@ impl Near {
         }
         true
     }
+}
+
+/// The bricks that corners hang on.
+fn bricks_of(surface: &Surface, lattice: &Lattice, corners: &[u32; 3]) -> Hung {
+    let (brick_of, first_copy) = (|slot: u32| slot / BRICK_SLOTS as u32, lattice.slot_count() as u32);
+    let rows = corners.map(|v| &surface.rows[v as usize].nodes);
+    let mut own = rows.into_iter().flatten().copied().filter(|&slot| slot < first_copy);
+    if own.clone().count() < rows.len() * ROW {
+        return [own.next().map_or(ANYWHERE, brick_of), ANYWHERE, ANYWHERE];
+    }
+    let mut bricks = rows.map(|nodes| brick_of(nodes[0]));
+    bricks.sort_unstable();
+    bricks
 }
 
 /// Whether one of the eight bytes is zero.

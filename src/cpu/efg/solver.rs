@@ -21,6 +21,7 @@ use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
 use super::system::{Parts, Step, System};
 use crate::cut::facing::Facing;
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 use crate::math::Vec3;
@@ -63,7 +64,6 @@ pub struct EfgSolver<R: EfgReal> {
     furthest: f64,
     u: Field<R>,
     v: Field<R>,
-    surfaces: Vec<Arc<Surface>>,
     /// The sides of cuts.
     facing: Vec<Facing>,
     hold: Hold,
@@ -103,7 +103,6 @@ impl<R: EfgReal> EfgSolver<R> {
             furthest: Vec3::from(model.lattice().cells().map(|n| n as f64)).norm() * model.lattice().cell_m(),
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
-            surfaces: model.surfaces().to_vec(),
             facing: Vec::new(),
             hold: Hold::default(),
             press: Press::of(&contact),
@@ -318,14 +317,6 @@ fn for_each_grasped(model: &Model, tools: &[ToolStep], t: f64, mut visit: impl F
     }
 }
 
-impl<R: EfgReal> EfgSolver<R> {
-    /// Takes other surfaces.
-    fn show(&mut self, surfaces: &[Arc<Surface>]) {
-        self.surfaces = surfaces.to_vec();
-        self.contact.renew(surfaces[self.bricks.model.contact_surface()].clone());
-    }
-}
-
 impl<R: EfgReal> Solver for EfgSolver<R> {
     fn stable_dt(&self) -> f64 {
         f64::INFINITY
@@ -363,15 +354,14 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.contact.contacts_of(tool as u32, self.dt).for_each(show);
     }
 
-    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
-        surface::publish(
-            &self.bricks.model,
-            &self.surfaces[index],
-            &self.u,
-            field,
-            arrays,
-            &mut self.workers,
-        );
+    fn publish(
+        &mut self,
+        _index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
+        surface::publish(&self.bricks.model, surface, &self.u, field, arrays, &mut self.workers);
         Ok(())
     }
 
@@ -460,7 +450,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         Ok(())
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()> {
         self.bricks.divide(topology, change);
         for birth in &change.births {
             self.u.set(birth.slot, self.u.vec3(birth.from));
@@ -473,7 +463,8 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
         self.facing = Facing::all(topology);
-        self.show(surfaces);
+        let (surface, redrawn) = surfaces[self.bricks.model.contact_surface()];
+        self.contact.follow(surface, redrawn);
         Ok(())
     }
 
@@ -486,8 +477,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         self.uploaded += self.system.upload(&self.bricks);
         self.is_stale = true;
         self.facing.clear();
-        let model = self.bricks.model.clone();
-        self.show(model.surfaces());
+        self.contact.heal();
         Ok(())
     }
 

@@ -24,6 +24,7 @@ use crate::cuda::outside::{self, Outside};
 use crate::cuda::pointer;
 use crate::cuda::surface::Surfaces;
 use crate::cuda::told::Told;
+use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
@@ -69,7 +70,7 @@ pub struct CudaEfgSolver<R: Number> {
     dropped_before: u64,
     sequence: u32,
     /// The host's copy of displacements and velocities, where it is up to date.
-    mirror: RefCell<[Option<Vec<R>>; 2]>,
+    mirror: RefCell<Mirror<R>>,
     /// The first failure of a call that has no way to tell it: the state is lost.
     lost: RefCell<Option<String>>,
 }
@@ -236,28 +237,30 @@ impl<R: Number> CudaEfgSolver<R> {
         })
     }
 
-    /// Takes other surfaces, whose nodes are, or are copies of, those that `origin` says.
-    fn show(&mut self, surfaces: &[Arc<Surface>], origin: impl Fn(u32) -> u32) -> Result<()> {
+    /// Takes what cuts have changed of surfaces, whose nodes are, or are copies of, those that `origin` says.
+    fn show(&mut self, surfaces: &[(&Surface, &Redrawn)], origin: impl Fn(u32) -> u32) -> Result<()> {
         let model = self.model.clone();
-        self.surfaces.renew(surfaces)?;
+        self.surfaces.follow(surfaces)?;
         let rest = |slot| model.lattice().rest_position(origin(slot));
-        self.contact.renew(&surfaces[model.contact_surface()], rest)
+        let (surface, redrawn) = surfaces[model.contact_surface()];
+        self.contact.follow(surface, redrawn, rest)
     }
 
     /// Displacements, or velocities, as they are now.
     fn look<T>(&self, at: Field, see: impl FnOnce(&[R]) -> T) -> T {
         let field = [&self.state.u, &self.state.v][at as usize];
-        let mut mirror = self.mirror.borrow_mut();
-        see(mirror[at as usize].get_or_insert_with(|| {
-            let mut all = vec![R::splat(0.0); 3 * self.body.flags.len()];
-            self.or_lost(field.read(0, &mut all));
-            all
-        }))
+        let Mirror { fields, are_known } = &mut *self.mirror.borrow_mut();
+        let all = &mut fields[at as usize];
+        if !std::mem::replace(&mut are_known[at as usize], true) {
+            all.resize(3 * self.body.flags.len(), R::splat(0.0));
+            self.or_lost(field.read(0, all));
+        }
+        see(all)
     }
 
     /// The nodes have changed.
     fn forget_nodes(&self) {
-        self.mirror.take();
+        self.mirror.borrow_mut().are_known = [false; 2];
     }
 
     /// Impulses of inner forces in a second from where nodes are, at rest there.
@@ -271,6 +274,19 @@ impl<R: Number> CudaEfgSolver<R> {
         self.state.v.write(0, &v)?;
         self.state.impulses(&mut v)?;
         Ok(v)
+    }
+}
+
+/// Displacements and velocities as the host sees them, each once it was asked for. Memory is kept.
+#[derive(Debug)]
+struct Mirror<R> {
+    fields: [Vec<R>; 2],
+    are_known: [bool; 2],
+}
+
+impl<R> Default for Mirror<R> {
+    fn default() -> Self {
+        Self { fields: [Vec::new(), Vec::new()], are_known: [false; 2] }
     }
 }
 
@@ -341,9 +357,15 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.or_lost(self.contact.show(tool as u32, origin, self.last_dt, show));
     }
 
-    fn publish(&mut self, index: usize, field: SurfaceField, arrays: &mut SurfaceArrays) -> Result<()> {
+    fn publish(
+        &mut self,
+        index: usize,
+        surface: &Surface,
+        field: SurfaceField,
+        arrays: &mut SurfaceArrays,
+    ) -> Result<()> {
         let pass = self.state.pass();
-        self.surfaces.publish(index, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
+        self.surfaces.publish(index, surface, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
     }
 
     fn mass(&self, slot: u32) -> f64 {
@@ -440,7 +462,7 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.state.set_flags(&self.body.flags)
     }
 
-    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[Arc<Surface>]) -> Result<()> {
+    fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()> {
         self.state.cut(self.kernels.cut, topology, change, &mut self.body)?;
         // Copies are held as what they start from, until their own flags follow.
         for birth in &change.births {
@@ -455,7 +477,9 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
         self.outside.forget_masses();
         self.state.heal(&mut self.body)?;
         let model = self.model.clone();
-        self.show(model.surfaces(), |slot| slot)
+        let all = Redrawn::all();
+        let own: Vec<_> = model.surfaces().iter().map(|surface| (surface.as_ref(), &all)).collect();
+        self.show(&own, |slot| slot)
     }
 
     fn reset(&mut self) {

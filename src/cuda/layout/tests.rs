@@ -63,7 +63,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Moment { from, to, is_first, tissue_moves, is_last }
         Frame { turn, cell }
         Surface {
-            vertices, strain, frame, u, rest, row_nodes, row_weights, triangles, triangle_starts,
+            vertices, strain, frame, u, rest, row_nodes, row_weights, triangles, fans,
             triangle_of, positions, normals, scalars
         }
         EfgLaw { forces, changes }

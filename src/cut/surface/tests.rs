@@ -1,9 +1,11 @@
 use std::collections::{BTreeMap, HashSet};
 
+use super::drawn::{Drawing, Drawn, Redrawn};
 use super::*;
 use crate::cut::sweep::share;
 use crate::cut::topology::LatticeEdge;
 use crate::model::extract;
+use crate::model::fans::{Fans, is_there};
 use crate::model::mesh::TriangleMesh;
 use crate::noise::Noise;
 
@@ -18,6 +20,12 @@ struct Tissue {
     /// Its surface, which followed each cut, and what the last one changed.
     followed: CutSurface,
     last: Result<SurfaceChange>,
+    /// How that is drawn, but for what hangs on `vacant` nodes, and a copy of it, which followed too.
+    drawn: (Drawn, Surface),
+    copy: Surface,
+    vacant: HashSet<u32>,
+    /// How often all was drawn anew.
+    anew: usize,
 }
 
 impl Tissue {
@@ -30,7 +38,54 @@ impl Tissue {
         let topology = Topology::new(lattice.slot_count() as u32, 1_000_000);
         let beyond = HashMap::new();
         let followed = CutSurface::new(&surface, &lattice, &topology, &beyond).unwrap();
-        Self { lattice, surface, topology, beyond, followed, last: Ok(SurfaceChange::default()) }
+        let vacant = HashSet::new();
+        let drawn = (Drawn::uncut(&surface, [usize::MAX; 2]), surface.clone());
+        let last = Ok(SurfaceChange::default());
+        let copy = drawn.1.clone();
+        Self { lattice, surface, topology, beyond, followed, last, drawn, copy, vacant, anew: 0 }
+    }
+
+    /// Has what is drawn follow the last change.
+    fn draw(&mut self) {
+        let Ok(changed) = &self.last else { return };
+        let (drawing, own) = (drawing(&self.vacant), self.surface.positions.len());
+        let (drawn, surface) = &mut self.drawn;
+        let redrawn = drawn.follow(&self.followed, changed, drawing, surface).unwrap();
+        let redrawn = redrawn.unwrap_or_else(|| {
+            self.anew += 1;
+            self.drawn = Drawn::new(&self.followed, own, drawing).unwrap();
+            Redrawn::all()
+        });
+        redrawn.copy(&self.drawn.1, &mut self.copy);
+    }
+
+    /// What is drawn is what would be drawn anew, whatever its numbers, and so is the copy.
+    fn check_drawn(&self) {
+        let (_, anew) =
+            Drawn::new(&self.followed, self.surface.positions.len(), drawing(&self.vacant)).unwrap();
+        let lists = |surface: &Surface| {
+            let (outer, walls) = surface.triangles.split_at(surface.first_wall);
+            let corners = |list| {
+                shape(corner(&surface.positions, &surface.uvs, &surface.materials, &surface.rows), list)
+            };
+            [corners(outer), corners(walls)]
+        };
+        let now = &self.drawn.1;
+        assert!(lists(now) == lists(&anew));
+        assert!(lists(&self.copy) == lists(now) && self.copy.triangles == now.triangles);
+        let fans = Fans::new(now.positions.len(), &now.triangles).unwrap();
+        for v in 0..now.positions.len() {
+            assert!(fans.at(v) == now.fans.at(v) && fans.at(v) == self.copy.fans.at(v));
+        }
+        let lips = now.triangles[..now.first_wall].iter().filter(|t| is_there(t)).flatten();
+        let lips: HashSet<_> = lips.collect();
+        assert!(
+            !now.triangles[now.first_wall..]
+                .iter()
+                .filter(|t| is_there(t))
+                .flatten()
+                .any(|v| lips.contains(v))
+        );
     }
 
     /// Cuts all that a triangle crosses, given in cells; beside the tissue only where that is wanted.
@@ -63,6 +118,7 @@ impl Tissue {
             let is_anew = changed.vertices.len() == self.followed.positions.len();
             assert!(!is_anew || before.state.is_behind || self.followed.state.seed != before.state.seed);
         }
+        self.draw();
     }
 
     /// The cut surface, made anew and as it followed the cuts: both are the same.
@@ -71,11 +127,14 @@ impl Tissue {
         self.check(&cut);
         assert!(self.last.is_ok());
         self.check(&self.followed);
-        let [anew, followed] =
-            [&cut, &self.followed].map(|cut| [&cut.triangles, &cut.walls].map(|list| shape(cut, list)));
+        let [anew, followed] = [&cut, &self.followed].map(|cut| {
+            [&cut.triangles, &cut.walls]
+                .map(|list| shape(corner(&cut.positions, &cut.uvs, &cut.materials, &cut.rows), list))
+        });
         assert_eq!(anew[0].len(), followed[0].len());
         assert_eq!(anew[1].len(), followed[1].len());
         assert!(anew == followed);
+        self.check_drawn();
         cut
     }
 
@@ -136,19 +195,32 @@ impl Tissue {
     }
 }
 
-/// What each triangle of a list is, whatever its number: all of its corners, from the lowest.
-fn shape(cut: &CutSurface, list: &[[u32; 3]]) -> Vec<[Vec<u64>; 3]> {
-    let corner = |v: u32| -> Vec<u64> {
+/// How all of a surface is drawn, but for what hangs on `vacant` nodes.
+fn drawing(vacant: &HashSet<u32>) -> Drawing<'_> {
+    Drawing { cell_m: H, vacant, room: [usize::MAX; 2] }
+}
+
+/// What a vertex is, whatever its number.
+fn corner<'a>(
+    positions: &'a [Vec3],
+    uvs: &'a [[f32; 2]],
+    materials: &'a [u8],
+    rows: &'a [Row],
+) -> impl Fn(u32) -> Vec<u64> + 'a {
+    |v| {
         let v = v as usize;
-        let (row, uv) = (&cut.rows[v], cut.uvs[v].map(|x| u64::from(x.to_bits())));
-        let places =
-            cut.positions[v].iter().map(|x| x.to_bits()).chain(uv).chain([u64::from(cut.materials[v])]);
+        let (row, uv) = (&rows[v], uvs[v].map(|x| u64::from(x.to_bits())));
+        let places = positions[v].iter().map(|x| x.to_bits()).chain(uv).chain([u64::from(materials[v])]);
         let nodes = row.nodes.map(u64::from).into_iter().chain(row.weights.map(|w| u64::from(w.to_bits())));
         places.chain(nodes).collect()
-    };
+    }
+}
+
+/// What each triangle of a list is, whatever its number: all of its corners, from the lowest.
+fn shape(corner: impl Fn(u32) -> Vec<u64>, list: &[[u32; 3]]) -> Vec<[Vec<u64>; 3]> {
     let mut all: Vec<[Vec<u64>; 3]> = there(list)
         .map(|t| {
-            let mut corners = t.map(corner);
+            let mut corners = t.map(&corner);
             let lowest = (0..3).min_by_key(|&i| &corners[i]).unwrap();
             corners.rotate_left(lowest);
             corners
@@ -312,6 +384,24 @@ fn random_cuts_leave_closed_surfaces_of_the_right_volume() {
     let mut noise = Noise(5);
     for n in 0..10 {
         random_cuts(ball(), &mut noise, 6, n % 2 == 0);
+    }
+}
+
+#[test]
+fn what_hangs_on_vacant_nodes_is_not_drawn_and_the_rest_follows() {
+    let mut noise = Noise(29);
+    for n in 0..4 {
+        let mut body = ball();
+        // As if a corner of the ball had been removed, and the first copies that cuts make.
+        let first = body.lattice.slot_count() as u32;
+        body.vacant = body.lattice.slots().filter(|slot| slot % 7 == n).chain(first..first + 40).collect();
+        body.last = Ok(SurfaceChange {
+            vertices: (0..body.surface.positions.len() as u32).collect(),
+            ..SurfaceChange::default()
+        });
+        body.draw();
+        assert_eq!(body.anew, 1);
+        random_cuts(body, &mut noise, 4, false);
     }
 }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::{
     Body, Cuts, DrivenRegion, LoadId, NodalLoads, SimDesc, State, Statistics, StepReport, ToolDesc, ToolEnd,
 };
+use crate::cut::surface::drawn::Redrawn;
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::Model;
@@ -162,7 +163,9 @@ impl State {
         self.cuts.clone_from(&snapshot.cuts);
         if let Some(cuts) = divided(snapshot.cuts.as_ref()) {
             let change = cuts.topology.everything_and_removed(self.model.lattice());
-            self.solver.cut(&cuts.topology, &change, &snapshot.surfaces)?;
+            let all = Redrawn::all();
+            let surfaces: Vec<_> = snapshot.surfaces.iter().map(|surface| (surface.as_ref(), &all)).collect();
+            self.solver.cut(&cuts.topology, &change, &surfaces)?;
         }
         let are_same = self.surfaces.iter().zip(&snapshot.surfaces).all(|(now, then)| Arc::ptr_eq(now, then));
         self.surface_version += u64::from(!are_same);

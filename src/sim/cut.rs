@@ -30,6 +30,8 @@ pub(super) struct Cuts {
     surfaces: Vec<Option<CutSurface>>,
     /// How those are drawn; none where what is drawn is not what is cut.
     drawn: Vec<Option<Drawn>>,
+    /// Whether they have been told of a change. They follow no cut before the first cell is divided, and hear of all that was crossed then.
+    have_followed: bool,
     /// Where the last blade stands that was not a tool's, model frame.
     blade: Vec<Vec3>,
     pub seen: Seen,
@@ -76,6 +78,7 @@ impl Cuts {
             beyond: HashMap::new(),
             surfaces,
             drawn,
+            have_followed: false,
             blade: Vec::new(),
             seen: Seen::default(),
         }
@@ -97,6 +100,16 @@ impl Cuts {
         beyond: &[(GridEdge, f64)],
     ) -> Vec<Result<Option<SurfaceChange>>> {
         let (lattice, topology, all) = (model.lattice(), &self.topology, &self.beyond);
+        let (mut first, mut first_beyond) = (Change::default(), Vec::new());
+        let (change, beyond) = if std::mem::replace(&mut self.have_followed, true) {
+            (change, beyond)
+        } else {
+            first.clone_from(change);
+            first.edges = topology.everything().edges;
+            first_beyond.extend(all.iter().map(|(&edge, &at)| (edge, at)));
+            first_beyond.sort_by_key(|&(edge, _)| edge);
+            (&first, &first_beyond[..])
+        };
         let follow = |(cut, surface): (&mut Option<CutSurface>, &Arc<Surface>)| match cut {
             Some(cut) => cut.update(surface, lattice, topology, change, beyond.iter().copied()).map(Some),
             None => {

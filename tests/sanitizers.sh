@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs the tests of all that threads share (channels, the simulation's own thread, servo loops, the C interface) under ThreadSanitizer and under
 # AddressSanitizer. Rust's standard library is built with them, for a thread that it starts is otherwise a data race to the one and a stranger to the other;
-# Debian ships a compiler with its sources. Needs Debian and the right to install packages of it, and takes half an hour on two cores.
+# Debian ships a compiler with its sources. Needs Debian and the right to install packages of it, and takes an hour and more on two cores for each of them.
 #
 #   tests/sanitizers.sh [thread|address] [argument of cargo test ...]
 set -euo pipefail

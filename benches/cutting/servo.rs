@@ -16,7 +16,7 @@ use palpate::sim::{Event, SimDesc, ThreadDesc, ToolPort};
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 use serde::Serialize;
 
-use super::common::clock::wait_until;
+use super::common::clock::Ticks;
 use super::common::report::{Figure, Report, columns};
 use super::common::table::quantile;
 use super::hanging;
@@ -189,16 +189,9 @@ fn tick(scene: &Scene, blade: &mut ToolPort, port: &mut ToolPort, end_s: f64) ->
     let mut device = HapticDevice::new(Body::default(), Some(Hand::LOOSE), wish(0.0));
     let mut ticks = Vec::with_capacity((end_s / TICK_S) as usize);
     let (mut rendered, mut last, mut computed_s) = (Vec3::zeros(), 0, f64::NAN);
-    let start = Instant::now();
-    let (mut due, mut before) = (start, start);
+    let mut clock = Ticks::every(TICK_S);
     loop {
-        wait_until(due);
-        let now = Instant::now();
-        let period_s = now.duration_since(before).as_secs_f64();
-        before = now;
-        // What was missed is missed.
-        due = (due + Duration::from_secs_f64(TICK_S)).max(now + Duration::from_secs_f64(0.5 * TICK_S));
-        let stamp_s = now.duration_since(start).as_secs_f64();
+        let [stamp_s, period_s] = clock.wait();
         if stamp_s > end_s {
             return Ok(ticks);
         }

@@ -3,7 +3,7 @@
 //! The hand goes up and down over the softest place, from outside to some millimetres deep. Device and hand are computed on the servo thread,
 //! by the time that really passed.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use comfy_table::Table;
 use palpate::error::{Error, Result};
@@ -17,7 +17,7 @@ use palpate::solver::tool::ToolDesc;
 use serde::Serialize;
 
 use super::common::anatomy::{self, Anatomy, FRONT, LUNG, softest};
-use super::common::clock::wait_until;
+use super::common::clock::Ticks;
 use super::common::table::quantile;
 use super::haptic_device::{Body, Hand, HapticDevice};
 use super::options::Options;
@@ -216,17 +216,9 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
     let mut figure = ClosedLoop { ticks: count - lead, ..ClosedLoop::default() };
     let (mut last, mut run, mut fresh, mut has_engaged) = (0, 0, 0_u64, false);
     let mut rendered = Vec3::zeros();
-    let start = Instant::now();
-    let (mut due, mut before) = (start, start);
+    let mut clock = Ticks::every(TICK_S);
     for tick in 0..count {
-        wait_until(due);
-        let now = Instant::now();
-        let period_s = now.duration_since(before).as_secs_f64();
-        before = now;
-        // What was missed is missed: a loop that hurried to make up for it would take one step of an encoder for a leap.
-        due = (due + Duration::from_secs_f64(TICK_S)).max(now + Duration::from_secs_f64(0.5 * TICK_S));
-
-        let stamp_s = now.duration_since(start).as_secs_f64();
+        let [stamp_s, period_s] = clock.wait();
         // Since the last tick the motors did what they were told then.
         device.advance(rendered, wish(surface, stamp_s), Vec3::zeros(), period_s.max(1e-4));
         let motion = device.read(period_s.max(1e-4));
@@ -263,7 +255,7 @@ fn servo(port: &mut ToolPort, surface: Vec3, seconds: f64, desc: &DeviceDesc) ->
         figure.damped_ticks += u64::from(flags.intersects(Flags::DAMPED));
         figure.peak_force_n = figure.peak_force_n.max(force.norm());
     }
-    let took_s = start.elapsed().as_secs_f64() - ENGAGES_S;
+    let took_s = clock.elapsed_s() - ENGAGES_S;
     let longer = |than: f64| periods_us.iter().filter(|us| **us > than).count();
     (figure.misses_1100_us, figure.misses_2000_us) = (longer(1100.0), longer(2000.0));
     let of = |all: &mut [f64], q: f64| if all.is_empty() { f64::NAN } else { quantile(all, q) };

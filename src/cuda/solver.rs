@@ -376,18 +376,6 @@ impl CudaSolver {
         })
     }
 
-    /// Moves a surface on the device and fetches its arrays.
-    fn fill(
-        &mut self,
-        index: usize,
-        surface: &Surface,
-        field: SurfaceField,
-        arrays: &mut SurfaceArrays,
-    ) -> Result<()> {
-        let pass = self.pass(self.state.current, 1, false);
-        self.surfaces.publish(index, surface, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
-    }
-
     /// Takes what cuts have changed of surfaces, whose nodes are, or are copies of, those that `origin` says.
     fn show(&mut self, surfaces: &[(&Surface, &Redrawn)], origin: impl Fn(u32) -> u32) -> Result<()> {
         // Recorded steps name the surface, and are done.
@@ -540,7 +528,8 @@ impl Solver for CudaSolver {
         field: SurfaceField,
         arrays: &mut SurfaceArrays,
     ) -> Result<()> {
-        self.fill(index, surface, field, arrays)
+        let pass = self.pass(self.state.current, 1, false);
+        self.surfaces.publish(index, surface, &self.kernels.surfaces, &self.stream, &pass, field, arrays)
     }
 
     fn mass(&self, slot: u32) -> f64 {

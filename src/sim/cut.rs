@@ -85,11 +85,11 @@ impl Cuts {
     }
 
     /// Those of the same tissue without a cut.
-    fn uncut(&self, model: &Model, copies: usize) -> Self {
+    fn uncut(self, model: &Model, copies: usize) -> Self {
         if self.topology.version() > 0 || !self.beyond.is_empty() {
             return Self::new(model, copies);
         }
-        Self { blade: Vec::new(), seen: Seen::default(), ..self.clone() }
+        Self { blade: Vec::new(), seen: Seen::default(), ..self }
     }
 
     /// Has the surfaces follow a change. Gives, for each, what has changed, `None` where that may be all; one that cannot follow stays as it was, and tries again at the next change.
@@ -321,12 +321,13 @@ impl State {
     /// Makes tissue whole; a reset of the solver follows.
     pub fn heal(&mut self) -> Result<()> {
         let Some(cuts) = self.cuts.take() else { return Ok(()) };
-        self.cuts = Some(cuts.uncut(&self.model, self.desc.cut_nodes));
-        if cuts.topology.version() == 0 {
-            return Ok(());
-        }
+        let is_whole = cuts.topology.version() == 0;
         let flags: Vec<_> =
             cuts.topology.removed().map(|slot| (slot, self.body.flags[slot as usize])).collect();
+        self.cuts = Some(cuts.uncut(&self.model, self.desc.cut_nodes));
+        if is_whole {
+            return Ok(());
+        }
         let healed = self.solver.set_flags(&flags, self.body.stable_dt).and_then(|()| self.solver.heal());
         self.heed(healed)?;
         self.surfaces = self.model.surfaces().to_vec();

@@ -89,6 +89,11 @@ pub(crate) fn edges_at(node: GridNode) -> impl Iterator<Item = (GridEdge, GridNo
     })
 }
 
+/// The nodes at the ends of an edge.
+fn ends_of((low, axis): GridEdge) -> [GridNode; 2] {
+    [low, step(low, axis, 1)]
+}
+
 /// Material of a cell: 0 where it is empty.
 fn material(lattice: &Lattice, cell: GridNode) -> u8 {
     let inside = (0..3).all(|a| cell[a] >= 0 && (cell[a] as usize) < lattice.cells()[a]);
@@ -131,8 +136,7 @@ fn distance(a: GridNode, b: GridNode) -> u32 {
 
 /// The nodes at the ends of an edge of the lattice.
 fn ends(lattice: &Lattice, edge: LatticeEdge) -> [GridNode; 2] {
-    let low = node_of(lattice, edge.slot);
-    [low, step(low, usize::from(edge.axis), 1)]
+    ends_of((node_of(lattice, edge.slot), usize::from(edge.axis)))
 }
 
 /// How many edges lie between each slot's node and the nearest one beside an empty cell.
@@ -200,13 +204,22 @@ impl Grid {
         nodes.extend(parted.iter().flat_map(|&slot| self.parents.children(slot)));
 
         let mut near: Set<GridNode> = nodes.iter().copied().collect();
-        near.extend(crossed.iter().map(|&(low, _)| low));
+        for &(low, axis) in crossed {
+            near.insert(low);
+            // Edges between their children are cut where one between two nodes of the tissue is.
+            let ends = ends_of((low, axis)).into_iter().filter_map(|node| slot(lattice, node));
+            near.extend(ends.flat_map(|slot| self.parents.children(slot)));
+        }
         for slot in self.near_cuts(lattice, &change.edges) {
             near.extend(self.parents.children(slot));
         }
         let is_first = |(edge, other): &(GridEdge, GridNode)| edge.0 != *other || !near.contains(other);
         let edges = near.iter().flat_map(|&node| edges_at(node).filter(is_first)).map(|(edge, _)| edge);
-        let edges: Vec<GridEdge> = edges.collect();
+        let is_between_tissue =
+            |edge: &GridEdge| ends_of(*edge).into_iter().all(|node| slot(lattice, node).is_some());
+        // Others may inherit from those.
+        let (mut edges, others): (Vec<GridEdge>, Vec<GridEdge>) = edges.partition(is_between_tissue);
+        edges.extend(others);
         let mut cells: Vec<GridNode> = change.cells.iter().map(|&slot| node_of(lattice, slot)).collect();
         let mut parted = Map::default();
         for edge in edges {
@@ -285,8 +298,7 @@ impl Grid {
         // A blade that leaves the tissue at a small angle runs on along it.
         let is_near =
             |node: &GridNode| near(*node, self.reach as i32).any(|node| slot(lattice, node).is_some());
-        let ends = |&(low, axis): &GridEdge| [low, step(low, axis, 1)];
-        let mut beyond: Vec<GridNode> = crossed.iter().flat_map(ends).collect();
+        let mut beyond: Vec<GridNode> = crossed.iter().copied().flat_map(ends_of).collect();
         beyond.sort_unstable();
         beyond.dedup();
         seeds.extend(beyond.into_iter().filter(is_near));

@@ -9,6 +9,8 @@ use crate::model::fans::{Fans, is_there};
 use crate::model::mesh::TriangleMesh;
 use crate::noise::Noise;
 
+mod random;
+
 const H: f64 = 2e-3;
 
 /// Tissue: a lattice, its surface and what cuts have made of them.

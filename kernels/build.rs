@@ -13,8 +13,10 @@ use flate2::write::ZlibEncoder;
 use sha2::{Digest, Sha256};
 
 /// Source files that each become two images.
-const IMAGES: [&str; 11] =
-    ["lattice", "pieces", "sleep", "near", "contact", "outside", "mobile", "surface", "report", "efg", "cut"];
+const IMAGES: [&str; 12] = [
+    "lattice", "pieces", "sleep", "near", "contact", "outside", "mobile", "surface", "report", "efg", "cut",
+    "look",
+];
 /// What they include.
 const HEADERS: [&str; 16] = [
     "block.cuh",

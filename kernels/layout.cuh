@@ -523,6 +523,27 @@ struct Cut {
     void* row_rotations;
 };
 
+// How far apart displacements of bricks, of a node along two axes, and of two nodes are, in numbers.
+struct Places {
+    uint32_t brick, axis, node;
+};
+
+// A look at where nodes are.
+struct Look {
+    Places places;
+    const void* u;
+    const uint32_t* nodes;  // [brick][BRICK_NODES / 32]: a bit for each that is there
+    void* seen;             // [brick][axis][node]: where they are
+    void* bounds;           // [brick][6]
+};
+
+// What was seen of some bricks.
+struct Shown {
+    const uint32_t* bricks;
+    const void* seen[2];  // at the look before the last one, and at that
+    void* nodes;          // [place in the list][look][axis][node]
+};
+
 // Most numbers that blocks of a grid sum up at once.
 constexpr int GRID_NUMBERS = 4;
 

@@ -8,6 +8,7 @@ mod grasp;
 mod hold;
 pub(crate) mod lanes;
 pub mod lattice;
+mod looked;
 mod mobile;
 pub mod nodes;
 pub mod sleep;

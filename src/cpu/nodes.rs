@@ -202,11 +202,8 @@ impl Bricks {
                 cut.words[slot as usize] &= !(15 << (4 * (7 - corner)));
             }
         }
-        cut.shares.clear();
-        for (material, hung) in topology.pieces() {
-            for slot in hung.nodes {
-                cut.shares.entry(slot).or_default().push((material, hung.piece.volume));
-            }
+        for slot in topology.nodes_of(lattice, change) {
+            cut.shares.insert(slot, topology.hung_on(lattice, slot));
         }
     }
 

@@ -15,6 +15,7 @@ use super::grasp::carry;
 use super::hold::Hold;
 use super::lattice::pieces::Pieces;
 use super::lattice::{CpuReal, Kernel, LawTables, Mark, Pass, Scratch};
+use super::looked::Looked;
 use super::mobile::Mobile;
 use super::nodes::{BRICK_OCTETS, Bricks, Field, Nodes, Run};
 use super::sleep::{Sleep, Thresholds};
@@ -25,7 +26,7 @@ use crate::cut::facing::Facing;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::{CellLaw, most_damping};
@@ -33,7 +34,8 @@ use crate::model::surface::Surface;
 use crate::solver::load::NodalLoads;
 use crate::solver::tool::Contact;
 use crate::solver::{
-    RegionStep, Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+    RegionStep, Saved, SeenBrick, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum,
+    saved_elsewhere,
 };
 
 /// Most runs claimed at a time.
@@ -59,6 +61,7 @@ struct Core<R: CpuReal> {
     corner_kg: [f64; 16],
     kernel: Kernel<R>,
     nodes: Nodes<R>,
+    looked: Looked<R>,
     marks: Vec<Mark>,
     sleep: Sleep,
     contact: ContactSurface,
@@ -104,6 +107,7 @@ impl<R: CpuReal> CpuSolver<R> {
             corner_kg: std::array::from_fn(|m| model.laws()[m].corner_kg),
             kernel: R::kernel(&tables),
             nodes: Nodes::at_rest(count, tables.damped),
+            looked: Looked::default(),
             marks: vec![Mark::default(); count],
             sleep: Sleep::new(&bricks),
             contact: ContactSurface::new(model.clone()),
@@ -209,6 +213,14 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
         all.extend((0..self.core.flags.len() as u32).map(|slot| self.core.nodes.u.vec3(slot)));
+    }
+
+    fn look(&mut self, displaced: &mut Vec<Bounds>) {
+        self.core.looked.look(&self.core.nodes.u, self.core.bricks.model.lattice(), displaced);
+    }
+
+    fn seen(&mut self, bricks: &[u32], nodes: &mut Vec<SeenBrick>) {
+        self.core.looked.seen(bricks, nodes);
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {

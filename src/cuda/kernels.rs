@@ -44,6 +44,7 @@ const OUTSIDE: Image = image!("outside");
 const REPORT: Image = image!("report");
 const EFG: Image = image!("efg");
 const CUT: Image = image!("cut");
+const LOOK: Image = image!("look");
 
 /// The first CUDA version whose drivers read the fat binaries: that of the compiler that wrote them.
 const READS_FATBIN: i32 = 13_000;
@@ -173,6 +174,19 @@ pub struct SurfaceKernels {
 // SAFETY: functions and modules may be used from any thread that has entered the context.
 unsafe impl Send for SurfaceKernels {}
 
+/// What the host sees of nodes.
+#[derive(Debug)]
+pub struct LookKernels {
+    /// Bounds of all bricks.
+    pub look: Kernel,
+    /// Nodes of some of them.
+    pub show: Kernel,
+    _module: Module,
+}
+
+// SAFETY: functions and modules may be used from any thread that has entered the context.
+unsafe impl Send for LookKernels {}
+
 /// All kernels of the meshless model.
 #[derive(Debug)]
 pub struct EfgKernels {
@@ -280,6 +294,18 @@ impl SurfaceKernels {
     }
 }
 
+impl LookKernels {
+    /// Loads them for nodes of a precision.
+    pub fn load(device: &Arc<Device>, precision: Precision) -> Result<Self> {
+        let module = Module::load(device, &LOOK.of_version(device.driver.version()?))?;
+        Ok(Self {
+            look: module.function(precision.look)?,
+            show: module.function(precision.show)?,
+            _module: module,
+        })
+    }
+}
+
 /// A precision in which the meshless model runs on a GPU: its kernels, and the fewest and the most teams of threads in its blocks.
 #[derive(Clone, Copy, Debug)]
 pub struct Precision {
@@ -287,6 +313,8 @@ pub struct Precision {
     pub kernel: &'static CStr,
     pub cut: &'static CStr,
     pub mobile: &'static CStr,
+    pub look: &'static CStr,
+    pub show: &'static CStr,
     pub teams: [u32; 2],
 }
 
@@ -296,6 +324,8 @@ pub const SINGLE: Precision = Precision {
     kernel: c"efg_single",
     cut: c"cut_single",
     mobile: c"mobile_single",
+    look: c"look_single",
+    show: c"show_single",
     teams: [4, 6],
 };
 pub const DOUBLE: Precision = Precision {
@@ -303,6 +333,8 @@ pub const DOUBLE: Precision = Precision {
     kernel: c"efg_double",
     cut: c"cut_double",
     mobile: c"mobile_double",
+    look: c"look_double",
+    show: c"show_double",
     teams: [2, 4],
 };
 
@@ -416,8 +448,8 @@ impl Kernel {
 mod tests {
     use super::*;
 
-    const IMAGES: [Image; 11] =
-        [LATTICE, PIECES, SLEEP, NEAR, CONTACT, OUTSIDE, MOBILE, SURFACE, REPORT, EFG, CUT];
+    const IMAGES: [Image; 12] =
+        [LATTICE, PIECES, SLEEP, NEAR, CONTACT, OUTSIDE, MOBILE, SURFACE, REPORT, EFG, CUT, LOOK];
     /// The newest driver that gets text.
     const OLDER: i32 = READS_FATBIN - 1;
 

@@ -11,6 +11,7 @@ use std::mem::offset_of;
 use cudarc::driver::sys::CUdeviceptr;
 
 use crate::math::Pose;
+use crate::model::lattice::BRICK_SLOTS;
 use crate::model::law::CellLaw;
 use crate::sim::MAX_TOOLS;
 use crate::solver;
@@ -370,6 +371,42 @@ pub struct Contact {
     pub points: CUdeviceptr,
     pub sums: CUdeviceptr,
     pub touched: CUdeviceptr,
+}
+
+/// A look at where nodes are.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Look {
+    pub places: Places,
+    pub u: CUdeviceptr,
+    pub nodes: CUdeviceptr,
+    pub seen: CUdeviceptr,
+    pub bounds: CUdeviceptr,
+}
+
+/// How far apart displacements of bricks, of a node along two axes, and of two nodes are, in numbers.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Places {
+    pub brick: u32,
+    pub axis: u32,
+    pub node: u32,
+}
+
+impl Places {
+    /// Of displacements with words.
+    pub const QUADS: Self = Self { brick: 4 * BRICK_SLOTS as u32, axis: 1, node: 4 };
+    /// Of fields of three numbers for each node.
+    pub const VECTORS: Self = Self { brick: 3 * BRICK_SLOTS as u32, axis: BRICK_SLOTS as u32, node: 1 };
+}
+
+/// What was seen of some bricks.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Shown {
+    pub bricks: CUdeviceptr,
+    pub seen: [CUdeviceptr; 2],
+    pub nodes: CUdeviceptr,
 }
 
 /// Where and when a projection takes place.

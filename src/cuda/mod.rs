@@ -13,6 +13,7 @@ mod graph;
 mod kept;
 mod kernels;
 mod layout;
+mod look;
 mod memory;
 mod near;
 mod outside;

@@ -14,7 +14,8 @@ use super::contact::{ContactSurface, Plan};
 use super::device::Device;
 use super::graph::Graph;
 use super::kernels::{Kernel, Kernels};
-use super::layout::{self, Law, MOBILE_THREADS, Pass, REPORT_THREADS, Report, SOUND, Step, share};
+use super::layout::{self, Law, MOBILE_THREADS, Pass, Places, REPORT_THREADS, Report, SOUND, Step, share};
+use super::look::Look;
 use super::memory::{Buffer, Pinned, Stream};
 use super::near::NearTools;
 use super::outside::{self, Outside};
@@ -27,7 +28,7 @@ use crate::cpu::stability;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::{CellLaw, most_damping};
@@ -36,7 +37,7 @@ use crate::sim::MAX_TOOLS;
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{
-    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+    Saved, SeenBrick, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
 };
 use crate::trace;
 
@@ -67,6 +68,8 @@ pub struct CudaSolver {
     near: NearTools,
     sleep: Sleep,
     surfaces: Surfaces,
+    /// Where there is room for cuts.
+    look: Option<Look<f32>>,
     /// Recorded steps by how many substeps they have, the copy of `u` that they start from, and what they do.
     graphs: HashMap<(u32, usize, Plans), Graph>,
     /// Speed of the fastest node at the end of the last step, m/s.
@@ -129,6 +132,7 @@ impl CudaSolver {
             near: NearTools::new(body.bricks.count(), &stream)?,
             sleep: Sleep::new(&body, &stream)?,
             surfaces: Surfaces::new(model, copies),
+            look: (copies > 0).then(|| Look::new(model.lattice(), &stream)).transpose()?,
             graphs: HashMap::new(),
             speed: 0.0,
             vis_viva: 0.0,
@@ -549,6 +553,17 @@ impl Solver for CudaSolver {
         self.look_at_displacements(|u| {
             all.extend(u.iter().map(|u| Vec3::from([0, 1, 2].map(|a| f64::from(u[a])))));
         });
+    }
+
+    fn look(&mut self, displaced: &mut Vec<Bounds>) {
+        let u = self.state.u[self.state.current].at();
+        let looked = self.look.as_mut().map_or(Ok(()), |look| look.look(u, Places::QUADS, displaced));
+        self.or_lost(looked);
+    }
+
+    fn seen(&mut self, bricks: &[u32], nodes: &mut Vec<SeenBrick>) {
+        let shown = self.look.as_mut().map_or(Ok(()), |look| look.show(bricks, nodes));
+        self.or_lost(shown);
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {

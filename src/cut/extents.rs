@@ -1,68 +1,100 @@
 //! Where the bricks of a lattice are, as its nodes move: what a blade is far from need not be looked at.
 
-use crate::math::Vec3;
+use std::sync::Arc;
+
+use crate::math::{Bounds, Vec3};
 use crate::model::lattice::{BRICK, BRICK_SLOTS, Lattice, NO_BRICK};
 
-/// A box along the axes.
-type Bounds = (Vec3, Vec3);
+/// What a brick is at rest.
+#[derive(Clone, Copy, Debug)]
+struct Brick {
+    /// Around its nodes, m, model frame.
+    rest: Bounds,
+    /// The bricks that its cells have nodes of: at their high faces they reach into the next ones. The first is the brick itself, and stands for those that are not there.
+    of_cells: [u32; 8],
+}
 
-/// For each brick a box around its nodes, at the start and at the end of a step, and around those of its cells.
-#[derive(Clone, Debug, Default)]
+/// For each brick a box around its nodes, at the start and at the end of a step, and around those of its cells. m, model frame.
+#[derive(Clone, Debug)]
 pub struct Extents {
-    of_bricks: Vec<Bounds>,
-    /// What displaces nodes of each brick at the end: least and most along each axis.
+    bricks: Arc<[Brick]>,
+    /// What displaces nodes of each brick at the end: least and most along each axis. Nothing before the first look.
     displaced: Vec<Bounds>,
+    /// The same, at the start as well.
+    moved: Vec<Bounds>,
+    of_cells: Vec<Bounds>,
 }
 
 impl Extents {
-    /// Of a lattice whose nodes are `displaced` so far at the end, by their slots, in m; at the start as they were at the end of the step `before`, if there was one. Boxes are those of
-    /// bricks at rest, widened and moved by what displaces their nodes: no smaller than they need be.
-    pub fn new(lattice: &Lattice, displaced: impl Fn(u32) -> Vec3, before: Option<&Self>) -> Self {
-        let now: Vec<Bounds> = (0..lattice.bricks().len())
-            .map(|brick| {
-                let (mut low, mut high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-                for slot in brick * BRICK_SLOTS..(brick + 1) * BRICK_SLOTS {
-                    if lattice.words()[slot] == 0 {
-                        continue;
-                    }
-                    let u = displaced(slot as u32);
-                    for axis in 0..3 {
-                        low[axis] = if u[axis] < low[axis] { u[axis] } else { low[axis] };
-                        high[axis] = if u[axis] > high[axis] { u[axis] } else { high[axis] };
-                    }
-                }
-                (low, high)
-            })
-            .collect();
+    /// Of a lattice that nobody has looked at.
+    pub fn new(lattice: &Lattice) -> Self {
         let size = Vec3::from(BRICK.map(|n| (n - 1) as f64)) * lattice.cell_m();
-        let own = |brick: usize| {
-            let corner = lattice.rest_position((brick * BRICK_SLOTS) as u32);
-            let then = before.map_or(now[brick], |before| before.displaced[brick]);
-            let (low, high) = (now[brick].0.inf(&then.0), now[brick].1.sup(&then.1));
-            (corner + low, corner + size + high)
+        let brick = |(index, at): (usize, &[u16; 3])| {
+            let corner = lattice.rest_position((index * BRICK_SLOTS) as u32);
+            let next = |n: usize| lattice.brick_at([0, 1, 2].map(|a| i64::from(at[a]) + (n as i64 >> a & 1)));
+            let of_cells = std::array::from_fn(|n| {
+                Some(next(n)).filter(|&next| next != NO_BRICK).unwrap_or(index as u32)
+            });
+            Brick { rest: Bounds { low: corner, high: corner + size }, of_cells }
         };
-        let own: Vec<Bounds> = (0..lattice.bricks().len()).map(own).collect();
-        // Cells at a brick's high faces reach into the next ones.
-        let around = |brick: &[u16; 3]| {
-            let next =
-                (0..8).map(|n| lattice.brick_at([0, 1, 2].map(|a| i64::from(brick[a]) + (n >> a & 1))));
-            let there = next.filter(|&next| next != NO_BRICK).map(|next| own[next as usize]);
-            there.reduce(|all, one| (all.0.inf(&one.0), all.1.sup(&one.1))).expect("a brick is there itself")
-        };
-        Self { of_bricks: lattice.bricks().iter().map(around).collect(), displaced: now }
+        Self {
+            bricks: lattice.bricks().iter().enumerate().map(brick).collect(),
+            displaced: Vec::new(),
+            moved: Vec::new(),
+            of_cells: Vec::new(),
+        }
     }
 
-    /// Whether a brick comes within `reach` of a box.
-    pub fn is_near(&self, brick: usize, (low, high): Bounds, reach: f64) -> bool {
-        let (from, to) = self.of_bricks[brick];
-        (0..3).all(|c| to[c] + reach >= low[c] && from[c] - reach <= high[c])
+    /// What displaces nodes of each brick now, which were before where they were at the last look if they have moved since: the boxes follow, which are those of
+    /// bricks at rest, widened and moved: no smaller than they need be.
+    pub fn look(&mut self, now: impl FnOnce(&mut Vec<Bounds>), have_moved: bool) {
+        self.moved.clone_from(&self.displaced);
+        self.displaced.clear();
+        now(&mut self.displaced);
+        if !have_moved || self.moved.len() != self.displaced.len() {
+            self.moved.clone_from(&self.displaced);
+        }
+        for (moved, now) in self.moved.iter_mut().zip(&self.displaced) {
+            *moved = moved.union(now);
+        }
+        let (bricks, moved) = (&self.bricks, &self.moved);
+        let own = |brick: u32| bricks[brick as usize].rest.moved(&moved[brick as usize]);
+        let around = |brick: &Brick| {
+            // Mostly all eight are there.
+            brick.of_cells[1..].iter().fold(own(brick.of_cells[0]), |all, &next| all.union(&own(next)))
+        };
+        self.of_cells.clear();
+        // A device that is lost has shown nothing.
+        if moved.len() == bricks.len() {
+            self.of_cells.extend(bricks.iter().map(around));
+        }
     }
 
-    /// Slots of the bricks near a box that hold nodes, ascending.
-    pub fn slots_near<'a>(&'a self, lattice: &'a Lattice, bounds: Bounds) -> impl Iterator<Item = u32> + 'a {
-        let near = (0..self.of_bricks.len()).filter(move |&brick| self.is_near(brick, bounds, 0.0));
-        near.flat_map(|brick| brick * BRICK_SLOTS..(brick + 1) * BRICK_SLOTS)
-            .filter(|&slot| lattice.words()[slot] != 0)
-            .map(|slot| slot as u32)
+    /// Whether nobody has looked.
+    pub fn is_empty(&self) -> bool {
+        self.displaced.is_empty()
+    }
+
+    /// What displaces nodes of a brick, at the start and at the end.
+    pub fn moved(&self, brick: u32) -> &Bounds {
+        &self.moved[brick as usize]
+    }
+
+    /// The bricks, ascending, of which a cell may meet one of some boxes.
+    pub fn near(&self, boxes: &[Bounds]) -> Vec<u32> {
+        let all = boxes.iter().fold(Bounds::EMPTY, |all, one| all.union(one));
+        let is_near =
+            |brick: &Bounds| brick.meets(&all, 0.0) && boxes.iter().any(|one| brick.meets(one, 0.0));
+        (0..).zip(&self.of_cells).filter(|(_, brick)| is_near(brick)).map(|(index, _)| index).collect()
+    }
+
+    /// The box around a brick's cells.
+    pub fn of_cells(&self, brick: u32) -> &Bounds {
+        &self.of_cells[brick as usize]
+    }
+
+    /// The bricks that hold the nodes of the cells of a brick.
+    pub fn nodes_of(&self, brick: u32) -> [u32; 8] {
+        self.bricks[brick as usize].of_cells
     }
 }

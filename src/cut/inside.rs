@@ -1,8 +1,9 @@
 //! Which cell of deformed tissue a point is in, and where in it.
 
+use super::block::Block;
 use super::extents::Extents;
 use super::sweep::Moving;
-use crate::math::{Mat3, Vec3};
+use crate::math::{Bounds, Mat3, Vec3};
 use crate::model::binding::shares;
 use crate::model::lattice::Lattice;
 
@@ -22,30 +23,40 @@ pub struct Inside {
     pub weights: [f64; 8],
 }
 
-/// The cells that some points, m, model frame, are in at the end of a step; the first that is found where tissue overlaps. `is_whole` says of which cells points are asked for, by the slots of their lowest corners.
+/// The cells that some points, m, model frame, are in at the end of a step; the first that is found where tissue overlaps. `bricks`, which ascend, hold the lowest corners of those that are looked
+/// at; `is_whole` says which of these count, by the slots of their lowest corners.
 pub fn locate(
     points: &[Vec3],
     lattice: &Lattice,
     nodes: &impl Moving,
     extents: &Extents,
+    bricks: &[u32],
     is_whole: impl Fn(u32) -> bool,
 ) -> Vec<Option<Inside>> {
     let mut found = vec![None; points.len()];
-    let Some(&first) = points.first() else { return found };
-    let bounds = points.iter().fold((first, first), |(low, high), p| (low.inf(p), high.sup(p)));
-    for slot in extents.slots_near(lattice, bounds) {
-        let node = lattice.node_of(slot);
-        let material = (lattice.words()[slot as usize] >> 28) as u8;
-        if material == 0 || !is_whole(slot) {
+    let mut near = Vec::new();
+    for &brick in bricks {
+        let around = extents.of_cells(brick);
+        near.clear();
+        near.extend((0..points.len()).filter(|&n| found[n].is_none() && around.has(&points[n])));
+        if near.is_empty() {
             continue;
         }
-        let corners = lattice.corners(node);
-        let at = corners.map(|corner| nodes.to(corner));
-        let (low, high) = at.iter().fold((at[0], at[0]), |(low, high), p| (low.inf(p), high.sup(p)));
-        for (point, found) in points.iter().zip(&mut found).filter(|(_, found)| found.is_none()) {
-            if (0..3).all(|c| low[c] <= point[c] && point[c] <= high[c]) {
-                let weights = place(&at, point).map(|place| shares(&place));
-                *found = weights.map(|weights| Inside { corners, material, weights });
+        let near_points = Bounds::of(near.iter().map(|&n| &points[n]));
+        let to = |slot: u32| lattice.rest_position(slot) + nodes.moved(slot)[1];
+        let block = Block::new(lattice, extents, brick, |slot| near_points.sides(to(slot)));
+        for own in block.own() {
+            let material = (lattice.words()[own.slot as usize] >> 28) as u8;
+            let Some(corners) = block.cell(own).filter(|_| material != 0 && is_whole(own.slot)) else {
+                continue;
+            };
+            let at = corners.map(to);
+            let bounds = Bounds::of(&at);
+            for &n in near.iter().filter(|&&n| bounds.has(&points[n])) {
+                if found[n].is_none() {
+                    let weights = place(&at, &points[n]).map(|place| shares(&place));
+                    found[n] = weights.map(|weights| Inside { corners, material, weights });
+                }
             }
         }
     }
@@ -88,13 +99,9 @@ mod tests {
     struct Bent<'a>(&'a Lattice);
 
     impl Moving for Bent<'_> {
-        fn from(&self, slot: u32) -> Vec3 {
-            self.to(slot)
-        }
-
-        fn to(&self, slot: u32) -> Vec3 {
+        fn moved(&self, slot: u32) -> [Vec3; 2] {
             let p = self.0.rest_position(slot) / self.0.cell_m();
-            Vec3::new(p.x + 0.2 * p.y, p.y - 0.05 * p.x * p.x, 1.3 * p.z + 0.1 * p.x) * self.0.cell_m()
+            [Vec3::new(0.2 * p.y, -0.05 * p.x * p.x, 0.3 * p.z + 0.1 * p.x) * self.0.cell_m(); 2]
         }
     }
 
@@ -102,7 +109,15 @@ mod tests {
     fn a_point_is_found_in_the_cell_and_at_the_place_that_it_was_put_and_nowhere_else() {
         let lattice = Lattice::new([9, 5, 6], 2e-3, &[1; 270]).unwrap();
         let (nodes, mut noise) = (Bent(&lattice), Noise(5));
-        let extents = Extents::new(&lattice, |slot| nodes.to(slot) - lattice.rest_position(slot), None);
+        let displaced = |slot: u32| nodes.moved(slot)[1];
+        let mut extents = Extents::new(&lattice);
+        let of_brick =
+            |brick: u32| Bounds::of(&lattice.slots_of(&[brick]).map(displaced).collect::<Vec<_>>());
+        let bricks: Vec<u32> = (0..lattice.bricks().len() as u32).collect();
+        extents.look(|all| all.extend(bricks.iter().map(|&brick| of_brick(brick))), false);
+        let locate = |points: &[Vec3], is_whole: fn(u32) -> bool| {
+            locate(points, &lattice, &nodes, &extents, &bricks, is_whole)
+        };
         let (mut points, mut expected) = (Vec::new(), Vec::new());
         for _ in 0..300 {
             let mut share = || 0.5 + 0.499 * noise.next();
@@ -110,20 +125,22 @@ mod tests {
             let weights = shares(&Vec3::new(share(), share(), share()));
             let corners = lattice.corners(cell);
             points.push(
-                corners.iter().zip(weights).map(|(&slot, weight)| nodes.to(slot) * weight).sum::<Vec3>(),
+                corners
+                    .iter()
+                    .zip(weights)
+                    .map(|(&slot, weight)| (lattice.rest_position(slot) + displaced(slot)) * weight)
+                    .sum::<Vec3>(),
             );
             expected.push((corners, weights));
         }
-        for (found, (corners, weights)) in
-            locate(&points, &lattice, &nodes, &extents, |_| true).iter().zip(&expected)
-        {
+        for (found, (corners, weights)) in locate(&points, |_| true).iter().zip(&expected) {
             let found = found.expect("it is inside");
             assert_eq!(found.corners, *corners);
             assert!(found.weights.iter().zip(weights).all(|(a, b)| (a - b).abs() < 1e-5));
         }
         let outside =
             [Vec3::new(-1e-3, 4e-3, 4e-3), Vec3::new(9e-3, 30e-3, 4e-3), Vec3::zeros() - Vec3::z() * 1e-5];
-        assert!(locate(&outside, &lattice, &nodes, &extents, |_| true).iter().all(Option::is_none));
-        assert!(locate(&points, &lattice, &nodes, &extents, |_| false).iter().all(Option::is_none));
+        assert!(locate(&outside, |_| true).iter().all(Option::is_none));
+        assert!(locate(&points, |_| false).iter().all(Option::is_none));
     }
 }

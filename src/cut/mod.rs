@@ -3,6 +3,7 @@
 //!
 #![doc = include_str!("../../docs/cutting.md")]
 
+mod block;
 pub mod cell;
 pub mod extents;
 pub mod facing;

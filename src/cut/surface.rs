@@ -16,7 +16,7 @@ use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
 use crate::math::Vec3;
 use crate::model::lattice::Lattice;
-use crate::model::surface::{Row, Surface};
+use crate::model::surface::{Row, Surface, grow};
 
 use arrange::{Scene, arrange};
 use glue::{Joint, Mesh, Part};
@@ -168,6 +168,18 @@ impl CutSurface {
             [0, 1, 2].map(|n| (0..before[n].max(now[n]) as u32).collect::<Vec<u32>>());
         let looked_at = now.iter().sum();
         Ok(SurfaceChange { vertices, triangles, walls, looked_at })
+    }
+
+    /// Makes room for so many vertices and triangles, so that what is added moves nothing.
+    pub fn reserve(&mut self, [vertices, triangles]: [usize; 2]) {
+        grow(&mut self.positions, vertices);
+        grow(&mut self.uvs, vertices);
+        grow(&mut self.wall_uvs, vertices);
+        grow(&mut self.materials, vertices);
+        grow(&mut self.rows, vertices);
+        grow(&mut self.state.hosts, vertices);
+        grow(&mut self.triangles, triangles);
+        grow(&mut self.walls, triangles.saturating_sub(self.triangles.len()));
     }
 
     fn anew(body: Body<'_>, mut beyond: Vec<(GridEdge, f64)>) -> Result<Self> {

@@ -4,11 +4,12 @@
 //! no point of the blade has to be taken back to the tissue's rest. Nodes and the blade's points move straight from the start to the end of a sweep, and an edge is crossed where and when
 //! it meets the blade on that way: where one sweep ends the next begins, and tissue that moves against a blade at rest is cut as well.
 
+use super::block::Block;
 use super::extents::Extents;
 use super::margin::Margin;
-use super::surface::grid::{GridEdge, GridNode};
+use super::surface::grid::{GridEdge, GridNode, higher_end};
 use super::topology::LatticeEdge;
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::lattice::Lattice;
 
 /// How far beyond the end of a segment, as a share of its length, a meeting still counts: segments of a blade that share a point leave no gap.
@@ -17,101 +18,123 @@ const GAP: f64 = 1e-9;
 const BESIDE: Vec3 = Vec3::new(5.3e-7, 7.1e-7, 6.1e-7);
 
 /// A blade's edge during one step: a polyline at its start and at its end, m, model frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Sweep {
-    /// The points at the start.
-    pub from: Vec<Vec3>,
-    /// The same points at the end.
-    pub to: Vec<Vec3>,
+    /// The ends of its segments.
+    segments: Vec<[Way; 2]>,
+    boxes: Vec<Bounds>,
 }
 
-/// Where tissue is during one step, m, model frame, by slots.
+/// How tissue moves during one step.
 pub trait Moving {
-    /// Where a node was at the start.
-    fn from(&self, slot: u32) -> Vec3;
-    /// Where it is at the end.
-    fn to(&self, slot: u32) -> Vec3;
+    /// What displaces a node, by its slot, at the start and at the end, m, model frame.
+    fn moved(&self, slot: u32) -> [Vec3; 2];
 }
 
 impl Sweep {
-    /// The edges of a lattice's nodes that the sweep crosses, and where, as shares from their lower nodes. `is_there` says whether tissue is left along an edge.
+    /// Of a polyline from one place to another, both of the same points, through a lattice of cells of such a length.
+    pub fn new(from: &[Vec3], to: &[Vec3], cell_m: f64) -> Self {
+        let segment = |(from, to): (&[Vec3], &[Vec3])| [0, 1].map(|end| Way { from: from[end], to: to[end] });
+        let segments: Vec<_> = from.windows(2).zip(to.windows(2)).map(segment).collect();
+        let around = |segment: &[Way; 2]| around(segment).widened(BESIDE.norm() * cell_m);
+        Self { boxes: segments.iter().map(around).collect(), segments }
+    }
+
+    /// Boxes around what its segments sweep: what they do not meet is not crossed.
+    pub fn boxes(&self) -> &[Bounds] {
+        &self.boxes
+    }
+
+    /// The edges of a lattice's nodes that the sweep crosses, and where, as shares from their lower nodes: those of `bricks`, which ascend. `is_there` says whether tissue is left along an edge.
     pub fn crossed(
         &self,
         lattice: &Lattice,
         nodes: &impl Moving,
         extents: &Extents,
+        bricks: &[u32],
         is_there: impl Fn(LatticeEdge) -> bool,
     ) -> Vec<(LatticeEdge, f64)> {
         let beside = BESIDE * lattice.cell_m();
-        let way = |slot: u32| Way { from: nodes.from(slot) - beside, to: nodes.to(slot) - beside };
-        let Some(bounds) = self.bounds() else { return Vec::new() };
+        let way = |slot: u32| Way::of(lattice.rest_position(slot) - beside, nodes.moved(slot));
         let mut crossed = Vec::new();
-        let widened = (bounds.0 - Vec3::repeat(lattice.cell_m()), bounds.1 + Vec3::repeat(lattice.cell_m()));
-        for slot in extents.slots_near(lattice, widened) {
-            let node = lattice.node_of(slot);
-            for axis in 0..3 {
-                let mut beyond = node;
-                beyond[axis] += 1;
-                let Some(other) = lattice.slot(beyond) else { continue };
-                let edge = LatticeEdge { slot, axis: axis as u8 };
-                let at = self.passes(bounds, [way(slot), way(other)], || is_there(edge));
-                crossed.extend(at.map(|at| (edge, at)));
+        for &brick in bricks {
+            let here = self.near(extents.of_cells(brick));
+            let block = Block::new(lattice, extents, brick, |slot| here.sides(&way(slot)));
+            for own in block.own() {
+                for axis in 0..3 {
+                    let Some(other) = block.next(own, axis) else { continue };
+                    let edge = LatticeEdge { slot: own.slot, axis: axis as u8 };
+                    let at = here.passes([way(own.slot), way(other)], || is_there(edge));
+                    crossed.extend(at.map(|at| (edge, at)));
+                }
             }
         }
         crossed
     }
 
-    /// The edges of the empty cells around a lattice's tissue that the sweep crosses, and where. They move as the tissue beside them does.
+    /// The edges of the empty cells around a lattice's tissue that the sweep crosses, and where: of some groups of them. They move as the tissue beside them does.
     pub fn crossed_beyond(
         &self,
         lattice: &Lattice,
         margin: &Margin,
         nodes: &impl Moving,
         extents: &Extents,
+        groups: &[u32],
     ) -> Vec<(GridEdge, f64)> {
-        let Some(bounds) = self.bounds() else { return Vec::new() };
-        let reach = (margin.reach() + 2) as f64 * lattice.cell_m();
-        let near: Vec<bool> =
-            (0..lattice.bricks().len()).map(|brick| extents.is_near(brick, bounds, reach)).collect();
-        let passed = |&(edge, tissue): &(GridEdge, [u32; 2])| {
-            let high = std::array::from_fn(|axis| edge.0[axis] + i32::from(axis == edge.1));
+        let mut crossed = Vec::new();
+        for &group in groups {
+            let here = self.near(&margin.bounds(extents, group));
             let end = |node: GridNode, slot: u32| {
                 let place = Vec3::from(node.map(f64::from)) - BESIDE;
-                let beside = place * lattice.cell_m() - lattice.rest_position(slot);
-                Way { from: nodes.from(slot) + beside, to: nodes.to(slot) + beside }
+                Way::of(place * lattice.cell_m(), nodes.moved(slot))
             };
-            let ends = [end(edge.0, tissue[0]), end(high, tissue[1])];
-            self.passes(bounds, ends, || true).map(|at| (edge, at))
-        };
-        margin.edges_near(|brick| near[brick as usize]).filter_map(passed).collect()
+            crossed.extend(margin.edges_of(group).filter_map(|&(edge, tissue)| {
+                let ends = [end(edge.0, tissue[0]), end(higher_end(edge), tissue[1])];
+                let beyond = here.sides(&ends[0]) & here.sides(&ends[1]);
+                let at = if beyond == 0 { here.passes(ends, || true) } else { None };
+                at.map(|at| (edge, at))
+            }));
+        }
+        crossed.sort_unstable_by_key(|&(edge, _)| edge);
+        crossed
     }
 
-    /// Where the sweep crosses an edge whose ends move, if it is there at all.
-    fn passes(&self, (low, high): (Vec3, Vec3), ends: [Way; 2], is_there: impl Fn() -> bool) -> Option<f64> {
-        let (from, to) = bounds(ends.iter().flat_map(|end| [&end.from, &end.to]))?;
-        let is_near = (0..3).all(|c| to[c] >= low[c] && from[c] <= high[c]);
-        if is_near && is_there() { self.crossing(ends) } else { None }
-    }
-
-    /// Lowest and highest coordinates of the blade's edge.
-    pub fn bounds(&self) -> Option<(Vec3, Vec3)> {
-        bounds(self.from.iter().chain(&self.to))
-    }
-
-    /// Where the sweep crosses an edge whose ends move meanwhile: the lowest share of it.
-    fn crossing(&self, [a, b]: [Way; 2]) -> Option<f64> {
-        let segments = self.from.windows(2).zip(self.to.windows(2));
-        let met = segments.filter_map(|(from, to)| {
-            meeting([a, b], [Way { from: from[0], to: to[0] }, Way { from: from[1], to: to[1] }])
-        });
-        met.min_by(f64::total_cmp)
+    /// The segments that come into a box.
+    fn near(&self, around: &Bounds) -> Here {
+        let near = self.segments.iter().zip(&self.boxes).filter(|(_, bounds)| bounds.meets(around, 0.0));
+        let segments: Vec<_> = near.map(|(&segment, &bounds)| (segment, bounds)).collect();
+        let bounds = segments.iter().fold(Bounds::EMPTY, |all, (_, bounds)| all.union(bounds));
+        Here { segments, bounds }
     }
 }
 
-/// The lowest and highest coordinates of some points.
-fn bounds<'a>(mut points: impl Iterator<Item = &'a Vec3>) -> Option<(Vec3, Vec3)> {
-    let first = *points.next()?;
-    Some(points.fold((first, first), |(low, high), p| (low.inf(p), high.sup(p))))
+/// The segments that come into a box, the boxes around what they sweep, and one around all these.
+#[derive(Debug)]
+struct Here {
+    segments: Vec<([Way; 2], Bounds)>,
+    bounds: Bounds,
+}
+
+impl Here {
+    /// Beyond which sides of what is swept a point stays.
+    fn sides(&self, way: &Way) -> u8 {
+        self.bounds.sides(way.from) & self.bounds.sides(way.to)
+    }
+
+    /// Where they cross an edge whose ends move, if it is there at all: the lowest share of it.
+    fn passes(&self, ends: [Way; 2], is_there: impl Fn() -> bool) -> Option<f64> {
+        let edge = around(&ends);
+        let mut near = self.segments.iter().filter(|(_, bounds)| bounds.meets(&edge, 0.0)).peekable();
+        if near.peek().is_none() || !is_there() {
+            return None;
+        }
+        near.filter_map(|&(segment, _)| meeting(ends, segment)).min_by(f64::total_cmp)
+    }
+}
+
+/// Around a segment wherever it goes.
+fn around(ends: &[Way; 2]) -> Bounds {
+    Bounds::of(ends.iter().flat_map(|end| [&end.from, &end.to]))
 }
 
 /// A point that moves straight.
@@ -122,6 +145,10 @@ struct Way {
 }
 
 impl Way {
+    fn of(rest: Vec3, moved: [Vec3; 2]) -> Self {
+        Self { from: rest + moved[0], to: rest + moved[1] }
+    }
+
     fn at(&self, t: f64) -> Vec3 {
         self.from.lerp(&self.to, t)
     }
@@ -205,15 +232,11 @@ mod tests {
     const H: f64 = 2e-3;
 
     /// Tissue that is displaced as a whole.
-    struct Displaced<'a>(&'a Lattice, [Vec3; 2]);
+    struct Displaced([Vec3; 2]);
 
-    impl Moving for Displaced<'_> {
-        fn from(&self, slot: u32) -> Vec3 {
-            self.0.rest_position(slot) + self.1[0]
-        }
-
-        fn to(&self, slot: u32) -> Vec3 {
-            self.0.rest_position(slot) + self.1[1]
+    impl Moving for Displaced {
+        fn moved(&self, _: u32) -> [Vec3; 2] {
+            self.0
         }
     }
 
@@ -224,14 +247,17 @@ mod tests {
         let height = |x: f64| 0.7 + 0.2 * x;
         let point = |x: f64, y: f64| Vec3::new(x, y, height(x)) * H;
         let (start, end) = (Vec3::new(3.0, -1.0, 2.0) * H, Vec3::new(2.5, 0.5, 1.5) * H);
-        let sweep = Sweep {
-            from: vec![point(-9.0, -9.0) + start, point(9.0, -9.0) + start],
-            to: vec![point(-9.0, 9.0) + end, point(9.0, 9.0) + end],
-        };
-        let nodes = Displaced(&lattice, [start, end]);
-        let extents = Extents::new(&lattice, |_| end, Some(&Extents::new(&lattice, |_| start, None)));
+        let from = [point(-9.0, -9.0) + start, point(9.0, -9.0) + start];
+        let to = [point(-9.0, 9.0) + end, point(9.0, 9.0) + end];
+        let sweep = Sweep::new(&from, &to, H);
+        let nodes = Displaced([start, end]);
+        let mut extents = Extents::new(&lattice);
+        for u in [start, end] {
+            extents.look(|all| all.resize(lattice.bricks().len(), Bounds { low: u, high: u }), true);
+        }
+        let groups = margin.near(&extents, sweep.boxes());
         let crossed: BTreeMap<GridEdge, f64> =
-            sweep.crossed_beyond(&lattice, &margin, &nodes, &extents).into_iter().collect();
+            sweep.crossed_beyond(&lattice, &margin, &nodes, &extents, &groups).into_iter().collect();
         let mut expected = 0;
         for &((low, axis), _) in margin.edges() {
             let [x, z] = [low[0], low[2]].map(f64::from);

@@ -167,6 +167,34 @@ impl Topology {
         all.into_iter().filter(|hung| self.is_left(hung)).collect()
     }
 
+    /// What is left of divided cells and hangs on a slot, by cells ascending: materials, and volumes as shares of a cell.
+    pub fn hung_on(&self, lattice: &Lattice, slot: u32) -> Vec<(u8, f64)> {
+        let mut around: Vec<_> = cells_around(lattice, lattice.node_of(self.origin(slot))).collect();
+        around.sort_unstable();
+        let of_cell = |(cell, corner): (u32, usize)| {
+            let divided = self.cells.get(&cell).into_iter();
+            let pieces = divided.flat_map(|cell| cell.pieces.iter().map(|hung| (cell.material, hung)));
+            let here = pieces.filter(move |(_, hung)| hung.nodes[corner] == slot && self.is_left(hung));
+            here.map(|(material, hung)| (material, hung.piece.volume))
+        };
+        around.into_iter().flat_map(of_cell).collect()
+    }
+
+    /// The slots of all nodes on which something else may hang since a change, ascending.
+    pub fn nodes_of(&self, lattice: &Lattice, change: &Change) -> Vec<u32> {
+        let of_cell = |cell: u32| {
+            let pieces = self.cells.get(&cell).into_iter().flat_map(|cell| &cell.pieces);
+            let corners = lattice.corners(lattice.node_of(cell));
+            corners.into_iter().chain(pieces.flat_map(|hung| hung.nodes))
+        };
+        let mut nodes: Vec<u32> =
+            change.reshaped().chain(change.rehung.iter().copied()).flat_map(of_cell).collect();
+        nodes.extend(change.births.iter().flat_map(|birth| [birth.slot, birth.from]));
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes
+    }
+
     /// How many cells are divided.
     pub fn cell_count(&self) -> usize {
         self.cells.len()

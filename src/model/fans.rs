@@ -1,6 +1,7 @@
 //! The triangles around each vertex of a surface, where triangles may come and go.
 
 use crate::error::{Error, Result};
+use crate::model::surface::grow;
 
 /// Numbers in lists that nobody uses before all lists are moved together, besides as many as are used.
 const LOOSE: usize = 256;
@@ -67,6 +68,13 @@ impl Fans {
     pub fn resize(&mut self, vertices: usize) {
         self.spans.resize(vertices, [0; 2]);
         self.rooms.resize(vertices, 0);
+    }
+
+    /// Makes room for the lists of so many vertices and triangles in all.
+    pub fn reserve(&mut self, vertices: usize, triangles: usize) {
+        grow(&mut self.spans, vertices);
+        grow(&mut self.rooms, vertices);
+        grow(&mut self.triangles, Self::room(3 * triangles));
     }
 
     /// Gives a vertex another list.

@@ -209,6 +209,15 @@ impl Lattice {
         self.words.iter().enumerate().filter(|(_, word)| **word != 0).map(|(slot, _)| slot as u32)
     }
 
+    /// The slots of some bricks that hold a node, brick by brick, ascending in each.
+    pub fn slots_of<'a>(&'a self, bricks: &'a [u32]) -> impl Iterator<Item = u32> + 'a {
+        let slots = bricks.iter().flat_map(|&brick| {
+            let first = brick as usize * BRICK_SLOTS;
+            first..first + BRICK_SLOTS
+        });
+        slots.filter(|&slot| self.words[slot] != 0).map(|slot| slot as u32)
+    }
+
     /// The eight cell materials around each node `[slot_count]`, four bits each: bits 4c to 4c + 3 hold the cell at offset
     /// `(c & 1, c >> 1 & 1, c >> 2 & 1) - 1`, so nibble 7 is the node's own cell `(i, j, k)`. 0 where there is no node.
     pub fn words(&self) -> &[u32] {

@@ -44,6 +44,11 @@ pub struct Surface {
     pub fans: Fans,
 }
 
+/// Gives a list room for so many in all.
+pub fn grow<T>(list: &mut Vec<T>, room: usize) {
+    list.reserve_exact(room.saturating_sub(list.len()));
+}
+
 /// Lengths of a surface's triangles at rest, in m.
 #[derive(Clone, Debug)]
 pub struct Edges {
@@ -81,6 +86,18 @@ impl Edges {
 }
 
 impl Surface {
+    /// The same with room for so many vertices and triangles, so that what is added moves nothing.
+    pub fn with_room(&self, [vertices, triangles]: [usize; 2]) -> Self {
+        let mut surface = self.clone();
+        grow(&mut surface.positions, vertices);
+        grow(&mut surface.uvs, vertices);
+        grow(&mut surface.materials, vertices);
+        grow(&mut surface.rows, vertices);
+        grow(&mut surface.triangles, triangles);
+        surface.fans.reserve(vertices, triangles);
+        surface
+    }
+
     /// Binds a mesh to the tissue. The mesh is in the **model frame**; its texture coordinates are kept, or
     /// made by [`mirrored_cylinder`] when it has none.
     ///

@@ -26,7 +26,7 @@ impl State {
         let mut steps = std::mem::take(&mut self.steps);
         for step in &mut steps {
             if let Some(blade) = step.desc.blade.as_ref().filter(|blade| blade.toughness_j_m2 > 0.0) {
-                step.held = self.held(&cuts, blade, &step.path.from);
+                step.held = self.held(&mut cuts, blade, &step.path.from);
             }
         }
         self.steps = steps;
@@ -34,7 +34,7 @@ impl State {
     }
 
     /// Where the edge of a blade stands in whole soft cells.
-    fn held(&self, cuts: &Cuts, blade: &Blade, pose: &Pose) -> Arc<[Held]> {
+    fn held(&mut self, cuts: &mut Cuts, blade: &Blade, pose: &Pose) -> Arc<[Held]> {
         let edge: Vec<_> = blade.points(self.model.lattice().cell_m() / POINTS).collect();
         let points: Vec<Vec3> =
             edge.iter().map(|(at, ..)| pose.transform_point(&(*at).into()).coords).collect();
@@ -55,13 +55,14 @@ impl State {
         let mut cuts = self.take_cuts();
         let goes_on = cuts.seen.at_step + 1 == self.statistics.steps;
         self.look(&mut cuts, goes_on);
+        let cell_m = self.model.lattice().cell_m();
         for planned in 0..self.steps.len() {
             let ToolStep { desc, path, .. } = &self.steps[planned];
             let Some(blade) = &desc.blade else { continue };
             let place = |pose: &Pose| -> Vec<Vec3> {
                 blade.edge.iter().map(|point| pose.transform_point(&(*point).into()).coords).collect()
             };
-            let sweep = Sweep { from: place(&path.from), to: place(&path.to) };
+            let sweep = Sweep::new(&place(&path.from), &place(&path.to), cell_m);
             let answer = self.cut_along(&mut cuts, &sweep);
             let tool = &mut self.tools[self.planned[planned]];
             // Told once: there is no more room until a reset.

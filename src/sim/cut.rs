@@ -4,17 +4,17 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::event::Event;
+use super::seen::Seen;
 use super::state::State;
-use crate::cut::extents::Extents;
 use crate::cut::inside::{Inside, locate};
 use crate::cut::margin::Margin;
 use crate::cut::surface::drawn::{Drawing, Drawn, Redrawn};
 use crate::cut::surface::grid::GridEdge;
 use crate::cut::surface::{CutSurface, SurfaceChange, reach, room};
-use crate::cut::sweep::{Moving, Sweep};
+use crate::cut::sweep::Sweep;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, Lattice, flag};
 use crate::model::surface::Surface;
@@ -37,17 +37,6 @@ pub(super) struct Cuts {
     pub seen: Seen,
 }
 
-/// Where nodes were seen. Model frame.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Seen {
-    /// Displacements of all slots at the last look, and at the one before.
-    now: Vec<Vec3>,
-    before: Vec<Vec3>,
-    extents: Extents,
-    /// After which step the last look was.
-    pub at_step: u64,
-}
-
 impl Cuts {
     /// The empty cells around the tissue.
     pub fn margin(&self) -> &Margin {
@@ -67,8 +56,10 @@ impl Cuts {
         let capacity = copies.div_ceil(BRICK_SLOTS) * BRICK_SLOTS;
         let topology = Topology::new(lattice.slot_count() as u32, capacity);
         let uncut = |surface: &Arc<Surface>| {
-            let cut = CutSurface::new(surface, lattice, &topology, &HashMap::new()).ok()?;
-            Some((cut, Drawn::uncut(surface, room(surface, copies))))
+            let mut cut = CutSurface::new(surface, lattice, &topology, &HashMap::new()).ok()?;
+            let room = room(surface, copies);
+            cut.reserve(room);
+            Some((cut, Drawn::uncut(surface, room)))
         };
         let (surfaces, drawn) = model.surfaces().iter().map(|surface| uncut(surface).unzip()).unzip();
         let farthest = model.surfaces().iter().map(|surface| reach(surface, lattice)).max();
@@ -80,7 +71,7 @@ impl Cuts {
             drawn,
             have_followed: false,
             blade: Vec::new(),
-            seen: Seen::default(),
+            seen: Seen::new(lattice),
         }
     }
 
@@ -89,7 +80,7 @@ impl Cuts {
         if self.topology.version() > 0 || !self.beyond.is_empty() {
             return Self::new(model, copies);
         }
-        Self { blade: Vec::new(), seen: Seen::default(), ..self }
+        Self { blade: Vec::new(), seen: Seen::new(model.lattice()), ..self }
     }
 
     /// Has the surfaces follow a change. Gives, for each, what has changed, `None` where that may be all; one that cannot follow stays as it was, and tries again at the next change.
@@ -131,32 +122,18 @@ pub(super) fn flags_of(cuts: Option<&Cuts>, lattice: &Lattice, flags: &[u8], slo
     own.or_else(|| cuts.map(of_copy)).unwrap_or(flag::FIX_ALL)
 }
 
-impl Seen {
-    /// Whether nothing was looked at.
-    pub fn is_empty(&self) -> bool {
-        self.now.is_empty()
-    }
-}
-
-/// Nodes of a lattice between two looks.
-struct Nodes<'a> {
-    lattice: &'a Lattice,
-    seen: &'a Seen,
+/// A model's surfaces before any cut, with room for what cuts make of them that copy so many nodes.
+pub(super) fn uncut_surfaces(model: &Model, copies: usize) -> Vec<Arc<Surface>> {
+    let with_room = |surface: &Arc<Surface>| match copies {
+        0 => surface.clone(),
+        _ => Arc::new(surface.with_room(room(surface, copies))),
+    };
+    model.surfaces().iter().map(with_room).collect()
 }
 
 /// Why nothing can be cut.
 pub(super) fn no_room() -> Error {
     Error::State("the simulation was made without room for cuts: see cut_nodes".into())
-}
-
-impl Moving for Nodes<'_> {
-    fn from(&self, slot: u32) -> Vec3 {
-        self.lattice.rest_position(slot) + self.seen.before[slot as usize]
-    }
-
-    fn to(&self, slot: u32) -> Vec3 {
-        self.lattice.rest_position(slot) + self.seen.now[slot as usize]
-    }
 }
 
 /// Draws what has changed of a cut surface, or all of it.
@@ -189,13 +166,13 @@ impl State {
         let place = |points: &[Vec3]| -> Vec<Vec3> {
             points.iter().map(|p| to_model.transform_point(&(*p).into()).coords).collect()
         };
-        let sweep = Sweep { from: place(from), to: place(to) };
+        let (from, to) = (place(from), place(to));
         let mut cuts = self.take_cuts();
         // A blade that sweeps on meets what has moved meanwhile; one that is put in anew does not.
-        let goes_on = cuts.blade == sweep.from;
+        let goes_on = cuts.blade == from;
         self.look(&mut cuts, goes_on);
-        let answer = self.cut_along(&mut cuts, &sweep);
-        cuts.blade = sweep.to;
+        let answer = self.cut_along(&mut cuts, &Sweep::new(&from, &to, self.model.lattice().cell_m()));
+        cuts.blade = to;
         self.cuts = Some(cuts);
         answer
     }
@@ -206,29 +183,27 @@ impl State {
     }
 
     /// Looks where nodes are. Where a blade `goes_on`, they have moved there since the last look.
-    pub fn look(&self, cuts: &mut Cuts, goes_on: bool) {
-        let seen = &mut cuts.seen;
-        std::mem::swap(&mut seen.before, &mut seen.now);
-        self.solver.displacements(&mut seen.now);
-        if !goes_on {
-            seen.before.clone_from(&seen.now);
-        }
-        let lattice = self.model.lattice();
-        let (now, before) = (&seen.now, goes_on.then_some(&seen.extents));
-        seen.extents = Extents::new(lattice, |slot| now[slot as usize], before);
-        seen.at_step = self.statistics.steps;
+    pub fn look(&mut self, cuts: &mut Cuts, goes_on: bool) {
+        cuts.seen.look(self.solver.as_mut(), goes_on);
+        cuts.seen.at_step = self.statistics.steps;
     }
 
     /// Cuts what a sweep crosses since the look before the last one. Gives how many cells were divided.
     pub fn cut_along(&mut self, cuts: &mut Cuts, sweep: &Sweep) -> Result<usize> {
         let model = self.model.clone();
         let lattice = model.lattice();
-        let nodes = Nodes { lattice, seen: &cuts.seen };
+        let bricks = cuts.seen.extents.near(sweep.boxes());
+        let groups = cuts.margin.near(&cuts.seen.extents, sweep.boxes());
+        if bricks.is_empty() && groups.is_empty() {
+            return Ok(0);
+        }
+        cuts.seen.fetch(self.solver.as_mut(), &bricks, cuts.margin.bricks_of(&groups));
+        let nodes = cuts.seen.nodes();
         let laws = &self.body.laws;
         let is_soft = |material: u8| laws[usize::from(material)].spring_n_m > 0.0;
         let can_cut = |edge| cuts.topology.can_cut(lattice, edge, is_soft);
-        let crossed = sweep.crossed(lattice, &nodes, &cuts.seen.extents, can_cut);
-        let beyond = sweep.crossed_beyond(lattice, &cuts.margin, &nodes, &cuts.seen.extents);
+        let crossed = sweep.crossed(lattice, &nodes, &cuts.seen.extents, &bricks, can_cut);
+        let beyond = sweep.crossed_beyond(lattice, &cuts.margin, &nodes, &cuts.seen.extents, &groups);
         if crossed.is_empty() && beyond.is_empty() {
             return Ok(0);
         }
@@ -252,7 +227,12 @@ impl State {
         // Should the rest fail, steps are only shorter than they need be.
         self.body.note_cut(&model);
         self.statistics.stable_substep_s = self.body.stable_dt;
-        let mut flags = self.flags_of_copies(&cuts.topology);
+        let topology = &cuts.topology;
+        let copies = topology
+            .nodes_of(model.lattice(), change)
+            .into_iter()
+            .filter(|&slot| topology.origin(slot) != slot);
+        let mut flags: Vec<_> = copies.map(|copy| self.flag_of_copy(topology, copy)).collect();
         flags.extend(change.removed.iter().map(|&slot| (slot, flag::FIX_ALL)));
         let surfaces: Vec<_> = self.surfaces.iter().map(Arc::as_ref).zip(&redrawn).collect();
         let taken = self.solver.cut(&cuts.topology, change, &surfaces);
@@ -310,12 +290,17 @@ impl State {
         Ok(all)
     }
 
-    /// Where points of the model frame are in whole soft cells, as last looked at.
-    pub fn locate(&self, cuts: &Cuts, points: &[Vec3]) -> Vec<Option<Inside>> {
-        let (lattice, laws) = (self.model.lattice(), &self.body.laws);
+    /// Where points are in whole soft cells, as last looked at: those of a polyline, model frame.
+    pub fn locate(&mut self, cuts: &mut Cuts, points: &[Vec3]) -> Vec<Option<Inside>> {
+        let lattice = self.model.lattice();
+        let boxes: Vec<Bounds> =
+            points.windows(2).map(|ends| Bounds::around(ends[0], ends[1], 0.0)).collect();
+        let bricks = cuts.seen.extents.near(&boxes);
+        cuts.seen.fetch(self.solver.as_mut(), &bricks, std::iter::empty());
+        let laws = &self.body.laws;
         let is_soft = |slot: u32| laws[(lattice.words()[slot as usize] >> 28) as usize].spring_n_m > 0.0;
         let is_whole = |slot: u32| cuts.topology.is_whole(slot) && is_soft(slot);
-        locate(points, lattice, &Nodes { lattice, seen: &cuts.seen }, &cuts.seen.extents, is_whole)
+        locate(points, lattice, &cuts.seen.nodes(), &cuts.seen.extents, &bricks, is_whole)
     }
 
     /// Makes tissue whole; a reset of the solver follows.
@@ -330,15 +315,15 @@ impl State {
         }
         let healed = self.solver.set_flags(&flags, self.body.stable_dt).and_then(|()| self.solver.heal());
         self.heed(healed)?;
-        self.surfaces = self.model.surfaces().to_vec();
+        self.surfaces = uncut_surfaces(&self.model, self.desc.cut_nodes);
         self.is_behind.fill(false);
         self.surface_version += 1;
         Ok(())
     }
 
-    fn flags_of_copies(&self, topology: &Topology) -> Vec<(u32, u8)> {
-        let of = |copy| (copy, topology.flags_of(self.model.lattice(), copy, &self.body.flags));
-        topology.copies().map(of).collect()
+    /// A copy and its flags.
+    fn flag_of_copy(&self, topology: &Topology, copy: u32) -> (u32, u8) {
+        (copy, topology.flags_of(self.model.lattice(), copy, &self.body.flags))
     }
 
     /// Flags of a slot, of the lattice or a copy.
@@ -350,7 +335,7 @@ impl State {
     pub fn heed_cuts(&self, changed: &mut Vec<(u32, u8)>) {
         if let Some(cuts) = &self.cuts {
             changed.retain(|&(slot, _)| !cuts.topology.is_removed(slot));
-            changed.extend(self.flags_of_copies(&cuts.topology));
+            changed.extend(cuts.topology.copies().map(|copy| self.flag_of_copy(&cuts.topology, copy)));
         }
     }
 }

@@ -22,6 +22,7 @@ mod parts;
 mod pick;
 mod reach;
 mod removal;
+mod seen;
 mod state;
 mod surface_port;
 mod tool_port;

@@ -10,7 +10,7 @@ use std::time::Instant;
 pub use self::snapshot::Snapshot;
 use super::body::Body;
 use super::carried::{Carried, Mobility, is_held};
-use super::cut::{Cuts, flags_of, no_room};
+use super::cut::{Cuts, flags_of, no_room, uncut_surfaces};
 use super::event::{Event, Events};
 use super::haptics::Haptics;
 use super::latency::Latency;
@@ -104,6 +104,7 @@ impl State {
         let rest_gravity = if desc.rest_under_gravity { desc.gravity_m_s2 } else { Vec3::zeros() };
         let body = Body::new(&model, solver.stable_dt());
         let cuts = (desc.cut_nodes > 0).then(|| Cuts::new(&model, desc.cut_nodes));
+        let surfaces = uncut_surfaces(&model, desc.cut_nodes);
         let mut state = Self {
             statistics: Statistics {
                 stable_substep_s: solver.stable_dt(),
@@ -136,7 +137,7 @@ impl State {
             carried: Carried::default(),
             events,
             cuts,
-            surfaces: model.surfaces().to_vec(),
+            surfaces,
             is_behind: vec![false; model.surfaces().len()],
             surface_version: 0,
             model,

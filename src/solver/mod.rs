@@ -12,7 +12,8 @@ use std::sync::Arc;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
-use crate::math::{Pose, Vec3};
+use crate::math::{Bounds, Pose, Vec3};
+use crate::model::lattice::BRICK_SLOTS;
 use crate::model::law::CellLaw;
 use crate::model::surface::Surface;
 use blade::Held;
@@ -135,6 +136,9 @@ pub enum SurfaceField {
     Strain,
 }
 
+/// What displaced the nodes of a brick at the look before the last one, where there was none at the last one, and at the last one, by their places in the brick, m, model frame.
+pub type SeenBrick = [[Vec3; BRICK_SLOTS]; 2];
+
 /// What a solver has saved, for itself and for others of its kind on the same model that have as much room.
 pub type Saved = Box<dyn Any + Send + Sync>;
 
@@ -182,6 +186,12 @@ pub trait Solver: Send + std::fmt::Debug {
     /// Displacements of all slots in m, model frame, into `all`, which keeps its memory.
     fn displacements(&self, all: &mut Vec<Vec3>);
 
+    /// Looks where the lattice's nodes are, for [`Self::seen`]. Adds for each brick what displaces its nodes along each axis: the least and the most, m, model frame.
+    fn look(&mut self, displaced: &mut Vec<Bounds>);
+
+    /// Adds what displaced the nodes of some bricks, ascending, at the last look and at the one before.
+    fn seen(&mut self, bricks: &[u32], nodes: &mut Vec<SeenBrick>);
+
     /// Velocities of all slots in m/s, model frame, into `all`, which keeps its memory.
     fn velocities(&self, all: &mut Vec<Vec3>);
 
@@ -208,7 +218,7 @@ pub trait Solver: Send + std::fmt::Debug {
     fn set_flags(&mut self, changed: &[(u32, u8)], stable_dt: f64) -> Result<()>;
 
     /// Takes over what a cut has made of the tissue: `change` is what is new in `topology`, and `surfaces` are what has become of the model's, and what is new in them. [`Self::set_flags`] with
-    /// those of all copies, or [`Self::restore`], follows. Fails when the device is lost, or has no room.
+    /// those of [`Topology::nodes_of`] that are copies, or [`Self::restore`], follows. Fails when the device is lost, or has no room.
     fn cut(&mut self, topology: &Topology, change: &Change, surfaces: &[(&Surface, &Redrawn)]) -> Result<()>;
 
     /// Forgets all cuts; [`Self::reset`] or [`Self::restore`] follows. Fails when the device is lost.

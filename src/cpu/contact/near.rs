@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use super::super::lanes::Real;
 use super::super::nodes::{Bricks, Field};
 use super::awake::USUAL_TOOLS;
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::fans::is_there;
 use crate::model::lattice::{BRICK_SLOTS, Lattice};
 use crate::model::surface::{ROW, Surface};
@@ -81,39 +81,7 @@ struct Group {
 
 impl Default for Group {
     fn default() -> Self {
-        let (low, high) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
-        Self { triangles: Vec::new(), bounds: Bounds { low, high } }
-    }
-}
-
-/// A box along the axes.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounds {
-    low: Vec3,
-    high: Vec3,
-}
-
-impl Bounds {
-    /// Around two points, this far beyond them.
-    pub fn around(p: Vec3, q: Vec3, reach: f64) -> Self {
-        let reach = Vec3::repeat(reach);
-        Self { low: p.inf(&q) - reach, high: p.sup(&q) + reach }
-    }
-
-    /// Beyond which of its six sides a point lies, a bit for each. Points that share a side lie apart from the box, and so
-    /// does all that is between them.
-    pub fn sides(&self, p: Vec3) -> u8 {
-        (0..3).fold(0, |sides, a| {
-            sides | u8::from(p[a] < self.low[a]) << (2 * a) | u8::from(p[a] > self.high[a]) << (2 * a + 1)
-        })
-    }
-
-    fn meets(&self, other: &Self, slack: f64) -> bool {
-        (0..3).all(|a| self.low[a] - slack <= other.high[a] && other.low[a] - slack <= self.high[a])
-    }
-
-    fn holds(&self, other: &Self, spare: f64) -> bool {
-        (0..3).all(|a| self.low[a] + spare <= other.low[a] && other.high[a] + spare <= self.high[a])
+        Self { triangles: Vec::new(), bounds: Bounds::EMPTY }
     }
 }
 
@@ -169,8 +137,7 @@ impl Near {
                 group.triangles.insert(at, t);
             }
             for p in corners.map(|v| surface.positions[v as usize]) {
-                group.bounds.low = group.bounds.low.inf(&p);
-                group.bounds.high = group.bounds.high.sup(&p);
+                group.bounds.add(p);
             }
         }
         self.levers.resize(vertex_count, 1.0);

@@ -106,25 +106,34 @@ impl<R: Real> Table<R> {
 
     /// Which rows every node stands in.
     fn list_places(&mut self, slots: usize) {
-        let mut listed = Vec::new();
+        let mut ends = vec![0_u32; slots + 1];
+        let mut touched = vec![0; slots / BRICK_SLOTS];
+        for slot in (0..self.len()).flat_map(|row| self.row(row)).map(|seen| seen.slot as usize) {
+            ends[slot] += 1;
+            touched[slot / BRICK_SLOTS] |= 1 << (slot % BRICK_SLOTS / 8);
+        }
+        // Where each node's places begin, which becomes where they end.
+        let mut count = 0;
+        for end in &mut ends {
+            count += std::mem::replace(end, count);
+        }
+        self.starts.clone_from(&ends);
+        let mut places = vec![Place { row: 0, entry: 0 }; count as usize];
+        // A node gathers from rows in their order.
         for row in 0..self.len() {
-            let of = |(entry, seen): (usize, &Entry<R>)| {
-                (seen.slot, Place { row: row as u32, entry: entry as u32 })
-            };
-            listed.extend(self.row(row).iter().enumerate().map(of));
+            for (entry, seen) in self.row(row).iter().enumerate() {
+                let end = &mut ends[seen.slot as usize];
+                places[*end as usize] = Place { row: row as u32, entry: entry as u32 };
+                *end += 1;
+            }
         }
-        // Stable: a node gathers from rows in their order.
-        listed.sort_by_key(|&(slot, _)| slot);
-        self.touched = vec![0; slots / BRICK_SLOTS];
-        self.starts = vec![0; slots + 1];
-        for slot in listed.iter().map(|&(slot, _)| slot as usize) {
-            self.touched[slot / BRICK_SLOTS] |= 1 << (slot % BRICK_SLOTS / 8);
-            self.starts[slot + 1] += 1;
-        }
-        for slot in 0..slots {
-            self.starts[slot + 1] += self.starts[slot];
-        }
-        self.places = listed.into_iter().map(|(_, place)| place).collect();
+        (self.touched, self.places) = (touched, places);
+    }
+
+    /// The places of a node in rows, in the order of these.
+    pub fn places_of(&self, slot: u32) -> &[Place] {
+        let slot = slot as usize;
+        &self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize]
     }
 
     /// Number of rows.
@@ -175,7 +184,7 @@ impl<R: Real> Table<R> {
         let mut sum = [[R::default(); 8]; N];
         for lane in 0..8 {
             let slot = brick * BRICK_SLOTS + row * 8 + lane;
-            for &place in &self.places[self.starts[slot] as usize..self.starts[slot + 1] as usize] {
+            for &place in self.places_of(slot as u32) {
                 // SAFETY: as the caller promises.
                 let given = unsafe { law.give_one(self, place, source) };
                 for n in 0..N {

@@ -11,6 +11,7 @@ use std::time::Instant;
 use super::super::contact::{ContactNodes, ContactSurface};
 use super::super::facing::keep_apart;
 use super::super::hold::Hold;
+use super::super::looked::Looked;
 use super::super::mobile::Mobile;
 use super::super::nodes::{Bricks, Field, Run};
 use super::super::surface;
@@ -24,7 +25,7 @@ use crate::cut::facing::Facing;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::Model;
 use crate::model::lattice::{BRICK_SLOTS, flag};
 use crate::model::law::CellLaw;
@@ -34,7 +35,8 @@ use crate::solver::method::{EfgDesc, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{
-    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum, saved_elsewhere,
+    Saved, SeenBrick, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolStep, ToolSum,
+    saved_elsewhere,
 };
 
 /// Bricks of a run: with fewer, cells before a run's first brick are evaluated too often; with more, threads find no work.
@@ -64,6 +66,7 @@ pub struct EfgSolver<R: EfgReal> {
     furthest: f64,
     u: Field<R>,
     v: Field<R>,
+    looked: Looked<R>,
     /// The sides of cuts.
     facing: Vec<Facing>,
     hold: Hold,
@@ -103,6 +106,7 @@ impl<R: EfgReal> EfgSolver<R> {
             furthest: Vec3::from(model.lattice().cells().map(|n| n as f64)).norm() * model.lattice().cell_m(),
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
+            looked: Looked::default(),
             facing: Vec::new(),
             hold: Hold::default(),
             press: Press::of(&contact),
@@ -380,6 +384,14 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
         all.extend((0..self.flags.len() as u32).map(|slot| self.u.vec3(slot)));
+    }
+
+    fn look(&mut self, displaced: &mut Vec<Bounds>) {
+        self.looked.look(&self.u, self.bricks.model.lattice(), displaced);
+    }
+
+    fn seen(&mut self, bricks: &[u32], nodes: &mut Vec<SeenBrick>) {
+        self.looked.seen(bricks, nodes);
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {

@@ -1,6 +1,6 @@
 //! The lattice's state as a snapshot has it.
 
-use super::{Core, CpuReal, Mark, Nodes};
+use super::{Core, CpuReal, Looked, Mark, Nodes};
 use crate::cpu::sleep::Sleepers;
 
 /// What substeps read that substeps have written. Lists of triangles near tools are made anew: what tools meet does not depend on them.
@@ -8,6 +8,7 @@ use crate::cpu::sleep::Sleepers;
 pub struct SavedLattice<R> {
     flags: Vec<u8>,
     nodes: Nodes<R>,
+    looked: Looked<R>,
     marks: Vec<Mark>,
     sleepers: Sleepers,
     stable_dt: f64,
@@ -20,6 +21,7 @@ impl<R: CpuReal> Core<R> {
         SavedLattice {
             flags: self.flags.clone(),
             nodes: self.nodes.clone(),
+            looked: self.looked.clone(),
             marks: self.marks.clone(),
             sleepers: self.sleep.sleepers(),
             stable_dt: self.stable_dt,
@@ -31,6 +33,7 @@ impl<R: CpuReal> Core<R> {
     pub(super) fn restore(&mut self, saved: &SavedLattice<R>) {
         self.flags.clone_from(&saved.flags);
         self.nodes = saved.nodes.clone();
+        self.looked.clone_from(&saved.looked);
         self.marks.clone_from(&saved.marks);
         self.sleep.set_sleepers(&self.bricks, &saved.sleepers);
         self.stable_dt = saved.stable_dt;

@@ -159,6 +159,14 @@ impl<R: Number> Rows<R> {
         self.rows.add_masses(laws, masses);
     }
 
+    /// Adds what they give to one of them.
+    pub fn add_mass(&self, laws: &[CellLaw; 16], slot: u32, mass: f64) -> f64 {
+        // Where there has never been a row there are no places.
+        let places = if self.rows.is_empty() { &[] } else { self.table.places_of(slot) };
+        let given = |place: &Place| self.rows.mass(laws, place.row as usize, place.entry as usize);
+        places.iter().fold(mass, |mass, place| mass + given(place))
+    }
+
     /// Bytes of all this.
     pub fn bytes(&self) -> u64 {
         self.cells.bytes()

@@ -17,7 +17,8 @@ use crate::cuda::body::Body;
 use crate::cuda::contact::{ContactSurface, Plan};
 use crate::cuda::device::Device;
 use crate::cuda::kernels::EfgKernels;
-use crate::cuda::layout::{self, EfgStep, MOBILE_THREADS, Report, SOUND, Step};
+use crate::cuda::layout::{self, EfgStep, MOBILE_THREADS, Places, Report, SOUND, Step};
+use crate::cuda::look::Look;
 use crate::cuda::memory::{Pinned, Stream};
 use crate::cuda::near::NearTools;
 use crate::cuda::outside::{self, Outside};
@@ -27,7 +28,7 @@ use crate::cuda::told::Told;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::{Error, Result};
-use crate::math::Vec3;
+use crate::math::{Bounds, Vec3};
 use crate::model::Model;
 use crate::model::lattice::flag;
 use crate::model::law::CellLaw;
@@ -37,7 +38,7 @@ use crate::solver::method::{EfgDesc, Elasticity, Scheme};
 use crate::solver::statistics::Copied;
 use crate::solver::tool::Contact;
 use crate::solver::{
-    Saved, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
+    Saved, SeenBrick, Solver, StepPlan, StepReport, SurfaceArrays, SurfaceField, ToolSum, saved_elsewhere,
 };
 use crate::trace;
 
@@ -56,6 +57,8 @@ pub struct CudaEfgSolver<R: Number> {
     outside: Outside,
     near: NearTools,
     surfaces: Surfaces,
+    /// Where there is room for cuts.
+    look: Option<Look<R>>,
     /// The step that moduli were made for; 0 where they were made for none.
     dt: f64,
     /// A node that goes further in a step is lost: the diagonal of the model, in m.
@@ -89,6 +92,7 @@ impl<R: Number> CudaEfgSolver<R> {
             outside: Outside::new(model, &stream)?,
             near: NearTools::new(body.bricks.count(), &stream)?,
             surfaces: Surfaces::new(model, copies),
+            look: (copies > 0).then(|| Look::new(lattice, &stream)).transpose()?,
             dt: 0.0,
             furthest: Vec3::from(lattice.cells().map(|n| n as f64)).norm() * lattice.cell_m(),
             speed: 0.0,
@@ -247,7 +251,7 @@ impl<R: Number> CudaEfgSolver<R> {
     }
 
     /// Displacements, or velocities, as they are now.
-    fn look<T>(&self, at: Field, see: impl FnOnce(&[R]) -> T) -> T {
+    fn read<T>(&self, at: Field, see: impl FnOnce(&[R]) -> T) -> T {
         let field = [&self.state.u, &self.state.v][at as usize];
         let Mirror { fields, are_known } = &mut *self.mirror.borrow_mut();
         let all = &mut fields[at as usize];
@@ -373,23 +377,34 @@ impl<R: Number> Solver for CudaEfgSolver<R> {
     }
 
     fn displacement(&self, slot: u32) -> Vec3 {
-        self.look(Field::Displacement, |u| vector(u, slot))
+        self.read(Field::Displacement, |u| vector(u, slot))
     }
 
     fn velocity(&self, slot: u32) -> Vec3 {
-        self.look(Field::Velocity, |v| vector(v, slot))
+        self.read(Field::Velocity, |v| vector(v, slot))
     }
 
     fn displacements(&self, all: &mut Vec<Vec3>) {
         all.clear();
         let slots = 0..self.body.flags.len() as u32;
-        self.look(Field::Displacement, |u| all.extend(slots.map(|slot| vector(u, slot))));
+        self.read(Field::Displacement, |u| all.extend(slots.map(|slot| vector(u, slot))));
+    }
+
+    fn look(&mut self, displaced: &mut Vec<Bounds>) {
+        let u = self.state.u.at();
+        let looked = self.look.as_mut().map_or(Ok(()), |look| look.look(u, Places::VECTORS, displaced));
+        self.or_lost(looked);
+    }
+
+    fn seen(&mut self, bricks: &[u32], nodes: &mut Vec<SeenBrick>) {
+        let shown = self.look.as_mut().map_or(Ok(()), |look| look.show(bricks, nodes));
+        self.or_lost(shown);
     }
 
     fn velocities(&self, all: &mut Vec<Vec3>) {
         all.clear();
         let slots = 0..self.body.flags.len() as u32;
-        self.look(Field::Velocity, |v| all.extend(slots.map(|slot| vector(v, slot))));
+        self.read(Field::Velocity, |v| all.extend(slots.map(|slot| vector(v, slot))));
     }
 
     fn largest_change(&self, before: &[Vec3]) -> f64 {

@@ -1,5 +1,6 @@
 //! What lies on the device.
 
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
@@ -154,15 +155,33 @@ impl<R: Number> State<R> {
     }
 
     fn set_masses(&mut self, body: &Body) -> Result<()> {
+        let kg = self.masses_of(body);
+        self.mass.set(kg)?;
+        self.masses.write(0, &body.laws.map(|law| Law::of(&law)))
+    }
+
+    /// What all nodes weigh.
+    fn masses_of(&self, body: &Body) -> Vec<R> {
         let mut kg = vec![0.0; body.slot_count()];
-        if !self.rows.are_all() {
-            for slot in body.bricks.model.lattice().slots() {
-                kg[slot as usize] = body.bricks.whole_mass(slot, body.corner_kg());
-            }
+        for slot in body.bricks.model.lattice().slots() {
+            kg[slot as usize] = self.whole_mass(body, slot);
         }
         self.rows.add_masses(&body.laws, &mut kg);
-        self.mass.set(kg.into_iter().map(R::splat).collect())?;
-        self.masses.write(0, &body.laws.map(|law| Law::of(&law)))
+        kg.into_iter().map(R::splat).collect()
+    }
+
+    /// What cells of a brick's own weigh at a node.
+    fn whole_mass(&self, body: &Body, slot: u32) -> f64 {
+        if self.rows.are_all() { 0.0 } else { body.bricks.whole_mass(slot, body.corner_kg()) }
+    }
+
+    /// Some nodes weigh otherwise.
+    fn weigh(&mut self, body: &Body, nodes: &[u32]) -> Result<()> {
+        let kg = |slot: u32| self.rows.add_mass(&body.laws, slot, self.whole_mass(body, slot));
+        let new: HashMap<u32, R> = nodes.iter().map(|&slot| (slot, R::splat(kg(slot)))).collect();
+        self.mass.edit(body.slot_count(), nodes, |slot| new[&(slot as u32)])?;
+        debug_assert!(self.mass.host() == self.masses_of(body), "no other node weighs otherwise");
+        Ok(())
     }
 
     /// Mass of the node in a slot, in kg.
@@ -181,8 +200,10 @@ impl<R: Number> State<R> {
         body.bricks.divide(topology, change);
         let turned = self.rows.divide(&body.bricks, topology, change)?;
         self.pieces.take(topology, body)?;
-        self.cells.set(body.bricks.cells.clone())?;
-        self.set_masses(body)?;
+        let cells: BTreeSet<u32> = change.reshaped().collect();
+        let cells: Vec<u32> = cells.into_iter().collect();
+        self.cells.edit(body.bricks.cells.len(), &cells, |cell| body.bricks.cells[cell])?;
+        self.weigh(body, &topology.nodes_of(body.bricks.model.lattice(), change))?;
         let mass = &self.mass;
         self.sides.take(topology, |slot| mass.host()[slot as usize].to_f64())?;
         self.bricks = body.bricks_for(topology.copy_count());

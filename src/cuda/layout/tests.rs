@@ -85,6 +85,9 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Reworded { slot, word }
         Turned { row, from, is_row }
         Cut { births, words, turns, born, reworded, turned, u, vectors, rotations, row_rotations }
+        Places { brick, axis, node }
+        Look { places, u, nodes, seen, bounds }
+        Shown { bricks, seen, nodes }
     };
     let numbers = [
         ("sizeof(Mark)", MARK_BYTES),

@@ -1,6 +1,6 @@
 //! The lattice's state as a snapshot has it.
 
-use super::{CudaSolver, SOUND};
+use super::{CudaSolver, Look, SOUND};
 use crate::cuda::sleep::Sleepers;
 use crate::error::Result;
 
@@ -13,6 +13,7 @@ pub struct SavedLattice {
     marks: Vec<u8>,
     sleepers: Sleepers,
     speed: f64,
+    looked: Vec<f32>,
     vis_viva: f32,
     stable_dt: f64,
 }
@@ -28,6 +29,7 @@ impl CudaSolver {
             marks: self.state.marks.all()?,
             sleepers: self.sleep.sleepers()?,
             speed: self.speed,
+            looked: self.look.as_ref().map_or(Ok(Vec::new()), Look::save)?,
             vis_viva: self.vis_viva,
             stable_dt: self.stable_dt,
         })
@@ -42,6 +44,7 @@ impl CudaSolver {
         self.state.marks.write(0, &saved.marks)?;
         self.state.diverged_at.fill(SOUND)?;
         self.sleep.set_sleepers(&saved.sleepers)?;
+        self.look.as_mut().map_or(Ok(()), |look| look.restore(&saved.looked))?;
         self.contact.clear()?;
         self.near.clear()?;
         self.outside.forget_masses();

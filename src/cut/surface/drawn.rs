@@ -11,7 +11,7 @@ use super::{CutSurface, SurfaceChange};
 use crate::error::{Error, Result};
 use crate::model::fans::is_there;
 use crate::model::mesh::TriangleMesh;
-use crate::model::surface::{ROW, Row, Surface};
+use crate::model::surface::{ROW, Row, Surface, grow};
 
 /// A triangle that is not there.
 const GONE: [u32; 3] = [0; 3];
@@ -140,14 +140,18 @@ impl Drawn {
     /// A surface of which nothing is cut, drawn as it is. `room` is for so many vertices and triangles.
     pub fn uncut(surface: &Surface, room: [usize; 2]) -> Self {
         let own = surface.positions.len();
-        Self {
+        let mut drawn = Self {
             numbers: [(0..own as u32).collect(), vec![NONE; own]],
             vertices: (0..own as u32).map(|v| (v, List::Outer)).collect(),
             free: Vec::new(),
             own,
             is_lost: vec![false; own],
             first_wall: first_wall(surface.triangles.len(), 0, room[1]),
-        }
+        };
+        drawn.numbers.iter_mut().for_each(|numbers| grow(numbers, room[0]));
+        grow(&mut drawn.vertices, room[0]);
+        grow(&mut drawn.is_lost, room[0]);
+        drawn
     }
 
     /// Draws all of a cut surface, of which the first `own` vertices are the original's. Fails where there is no room.

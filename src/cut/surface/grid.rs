@@ -65,6 +65,11 @@ pub fn near([i, j, k]: GridNode, far: i32) -> impl Iterator<Item = GridNode> {
     along().flat_map(move |c| along().flat_map(move |b| along().map(move |a| [i + a, j + b, k + c])))
 }
 
+/// The higher end of an edge.
+pub fn higher_end((low, axis): GridEdge) -> GridNode {
+    std::array::from_fn(|a| low[a] + i32::from(a == axis))
+}
+
 /// The node at a cell's corner.
 pub fn corner_node(cell: GridNode, corner: usize) -> GridNode {
     std::array::from_fn(|axis| cell[axis] + (corner >> axis & 1) as i32)

@@ -12,6 +12,8 @@ use crate::noise::Noise;
 mod random;
 
 const H: f64 = 2e-3;
+/// Vertices and triangles: more than any of these surfaces gets.
+const ROOM: [usize; 2] = [1 << 16; 2];
 
 /// Tissue: a lattice, its surface and what cuts have made of them.
 struct Tissue {
@@ -41,7 +43,7 @@ impl Tissue {
         let beyond = HashMap::new();
         let followed = CutSurface::new(&surface, &lattice, &topology, &beyond).unwrap();
         let vacant = HashSet::new();
-        let drawn = (Drawn::uncut(&surface, [usize::MAX; 2]), surface.clone());
+        let drawn = (Drawn::uncut(&surface, ROOM), surface.clone());
         let last = Ok(SurfaceChange::default());
         let copy = drawn.1.clone();
         Self { lattice, surface, topology, beyond, followed, last, drawn, copy, vacant, anew: 0 }
@@ -199,7 +201,7 @@ impl Tissue {
 
 /// How all of a surface is drawn, but for what hangs on `vacant` nodes.
 fn drawing(vacant: &HashSet<u32>) -> Drawing<'_> {
-    Drawing { cell_m: H, vacant, room: [usize::MAX; 2] }
+    Drawing { cell_m: H, vacant, room: ROOM }
 }
 
 /// What a vertex is, whatever its number.

@@ -200,12 +200,17 @@ impl RowTable {
 
     /// Adds to `masses` what the cells' materials give to the nodes that they see, by their slots, in kg.
     pub fn add_masses(&self, laws: &[CellLaw; 16], masses: &mut [f64]) {
-        for row in (0..self.len()).map(|row| self.row(row)) {
-            let corner_kg = laws[usize::from(row.cell.material)].corner_kg;
-            for (&slot, phi) in row.nodes.iter().zip(row.phi) {
-                masses[slot as usize] += 8.0 * corner_kg * row.cell.volume * phi;
+        for row in 0..self.len() {
+            for (entry, &slot) in self.row(row).nodes.iter().enumerate() {
+                masses[slot as usize] += self.mass(laws, row, entry);
             }
         }
+    }
+
+    /// What the cell of a row gives to the node of one of its entries, in kg.
+    pub fn mass(&self, laws: &[CellLaw; 16], row: usize, entry: usize) -> f64 {
+        let row = self.row(row);
+        8.0 * laws[usize::from(row.cell.material)].corner_kg * row.cell.volume * row.phi[entry]
     }
 
     /// All rows count as changed: none has been copied to where this table is needed.

@@ -3,7 +3,7 @@
 use super::super::cell_rows::CellRows;
 use super::super::system::System;
 use super::super::system::saved::SavedSystem;
-use super::{EfgReal, EfgSolver, Field};
+use super::{EfgReal, EfgSolver, Field, Looked};
 
 /// What steps read that steps have written. Lists of triangles near tools are made anew: what tools meet does not depend on them.
 #[derive(Debug)]
@@ -14,6 +14,7 @@ pub struct SavedEfg<R> {
     system: SavedSystem<R>,
     cell_rows: CellRows,
     fastest: f64,
+    looked: Looked<R>,
 }
 
 impl<R: EfgReal> EfgSolver<R> {
@@ -25,6 +26,7 @@ impl<R: EfgReal> EfgSolver<R> {
             system: self.system.save(),
             cell_rows: self.cell_rows.clone(),
             fastest: self.fastest,
+            looked: self.looked.clone(),
         }
     }
 
@@ -35,6 +37,7 @@ impl<R: EfgReal> EfgSolver<R> {
         self.uploaded += self.system.upload(&self.bricks);
         self.cell_rows.clone_from(&saved.cell_rows);
         self.fastest = saved.fastest;
+        self.looked.clone_from(&saved.looked);
         // Stiffness in steps of a length is not saved.
         self.is_stale = true;
         self.contact.clear();

@@ -1,6 +1,6 @@
 //! The meshless model's state as a snapshot has it.
 
-use super::{CudaEfgSolver, Number};
+use super::{CudaEfgSolver, Look, Number};
 use crate::cuda::efg::state::SavedState;
 use crate::error::Result;
 
@@ -10,6 +10,7 @@ pub struct SavedEfg<R> {
     flags: Vec<u8>,
     state: SavedState<R>,
     speed: f64,
+    looked: Vec<R>,
     last_dt: f64,
 }
 
@@ -21,6 +22,7 @@ impl<R: Number> CudaEfgSolver<R> {
             flags: self.body.flags.clone(),
             state: self.state.save()?,
             speed: self.speed,
+            looked: self.look.as_ref().map_or(Ok(Vec::new()), Look::save)?,
             last_dt: self.last_dt,
         })
     }
@@ -29,6 +31,7 @@ impl<R: Number> CudaEfgSolver<R> {
         self.body.flags.clone_from(&saved.flags);
         self.state.set_flags(&saved.flags)?;
         self.state.restore(&saved.state, &self.body)?;
+        self.look.as_mut().map_or(Ok(()), |look| look.restore(&saved.looked))?;
         self.contact.clear()?;
         self.near.clear()?;
         self.outside.forget_masses();

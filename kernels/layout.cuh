@@ -475,18 +475,27 @@ struct Sides {
 };
 
 // A point of a blade's edge in tissue: nodes of its cell, their weights there, and 1 / mass of each; where it is, and the direction of the edge, in the tool's frame; and the force
-// at which the tissue gives way, in N. The impulse is what it gets in the substep in progress.
+// at which the tissue gives way, in N.
 struct Stuck {
     uint32_t nodes[8];
     double weights[8], inverse_kg[8];
-    double limit, impulse[3];
+    double limit;
     float at[3], along[3];
     uint32_t tool;
 };
 
+// What happens to one in a substep: how fast an impulse on it makes its nodes, and where they were and how fast; where it is from the tool's origin, the direction of the edge, how fast that goes,
+// and how fast an impulse makes the point at most; and the impulse that it gets.
+struct Pull {
+    double by[8][3], u[8][3], v[8][3];
+    double arm[3], along[3], goes[3], gives;
+    double impulse[3];
+};
+
 // All of them, tool by tool; null where there are none.
 struct Sticks {
-    Stuck* all;
+    const Stuck* all;
+    Pull* pulls;
     const uint32_t* count;
     ToolSum* sums;
     uint32_t substeps;

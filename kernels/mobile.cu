@@ -45,9 +45,11 @@ struct LatticeNodes {
         return {v[0], v[BRICK_NODES], v[2 * BRICK_NODES]};
     }
     __device__ uint32_t flags(uint32_t slot) const { return pass.flags[slot]; }
-    __device__ void set(uint32_t slot, const Triple& u, const Triple& v) const {
+    __device__ void set_v(uint32_t slot, const Triple& v) const {
         float* const at = pass.v_next + velocity_at(slot);
         at[0] = float(v.x), at[BRICK_NODES] = float(v.y), at[2 * BRICK_NODES] = float(v.z);
+    }
+    __device__ void move(uint32_t slot, const Triple& u) const {
         pass.u_next[slot] = make_float4(float(u.x), float(u.y), float(u.z), pass.u_next[slot].w);
         pass.acted_on[slot / BRICK_NODES] = 1;
     }
@@ -60,9 +62,11 @@ struct EfgNodes {
     __device__ Triple u(uint32_t slot) const { return read(e.u, slot); }
     __device__ Triple v(uint32_t slot) const { return read(e.v, slot); }
     __device__ uint32_t flags(uint32_t slot) const { return e.flags[slot]; }
-    __device__ void set(uint32_t slot, const Triple& u, const Triple& v) const {
-        efg_kernel::set_vector(e.u, slot, efg_kernel::V3<R>{R(u.x), R(u.y), R(u.z)});
+    __device__ void set_v(uint32_t slot, const Triple& v) const {
         efg_kernel::set_vector(e.v, slot, efg_kernel::V3<R>{R(v.x), R(v.y), R(v.z)});
+    }
+    __device__ void move(uint32_t slot, const Triple& u) const {
+        efg_kernel::set_vector(e.u, slot, efg_kernel::V3<R>{R(u.x), R(u.y), R(u.z)});
         e.shown[slot] = make_float4(float(u.x), float(u.y), float(u.z), e.shown[slot].w);
     }
     __device__ static Triple read(const void* field, uint32_t slot) {
@@ -123,7 +127,8 @@ __device__ double keep_apart(const Nodes& nodes, const Facing& facing, double h,
     // One after the other: at the front of a cut both may be the same node.
     for (int side = 0; side < 2; ++side) {
         const Triple change = each(free[side], normal) * ((side == 0 ? blow : -blow) * yields[side]);
-        nodes.set(slots[side], nodes.u(slots[side]) + change * dt, nodes.v(slots[side]) + change);
+        nodes.set_v(slots[side], nodes.v(slots[side]) + change);
+        nodes.move(slots[side], nodes.u(slots[side]) + change * dt);
         most = fmax(most, sqrt(dot(change, change)) * dt);
     }
     __syncwarp(group_mask());
@@ -145,51 +150,113 @@ __device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h, d
     return most;
 }
 
-// Points of edges, by the first eight threads: give(tool, impulse on it, its moment and the work on the tissue). Gives how far a node of this thread's went at most, all together. By projected
-// Gauss-Seidel, as on the processor.
-template <class Nodes, class Give>
-__device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, Give give) {
-    if (!sticks.all || threadIdx.x >= 8) return 0.0;
+__device__ __forceinline__ void put(double to[3], const Triple& v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
+__device__ __forceinline__ double squared(const Triple& v) { return dot(v, v); }
+
+// What happens to points of edges begins: each by eight threads.
+template <class Nodes>
+__device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, const Step& step, float to) {
+    const uint32_t corner = threadIdx.x % 8;
+#pragma unroll 1
+    for (uint32_t i = threadIdx.x / 8; i < count; i += GROUPS) {
+        const Stuck& stuck = sticks.all[i];
+        Pull& pull = sticks.pulls[i];
+        const uint32_t slot = stuck.nodes[corner];
+        const double weight = stuck.weights[corner];
+        const Triple by = mobility(nodes, slot, stuck.inverse_kg[corner]);
+        put(pull.by[corner], by * weight);
+        put(pull.u[corner], nodes.u(slot));
+        put(pull.v[corner], nodes.v(slot));
+        // By the most mobile axis of each node: no impulse overshoots.
+        const double gives = sum_of_eight(fmax(by.x, fmax(by.y, by.z)) * weight * weight);
+        if (corner > 0) continue;
+        const ToolStep& tool = step.tools[stuck.tool];
+        const View view = view_of(tool, to);
+        const Vec arm = rotate(view.turn, vec(stuck.at));
+        put(pull.arm, triple(arm));
+        put(pull.along, triple(rotate(view.turn, vec(stuck.along))));
+        put(pull.goes, triple(velocity_of(tool, arm, step.duration)));
+        pull.gives = gives;
+        put(pull.impulse, Triple{});
+    }
+}
+
+// A point as a thread of its eight sees it.
+struct Pulled {
+    uint32_t slot;
+    double weight, gives, limit2;
+    Triple by, along, goes, impulse;
+    __device__ static Pulled of(const Sticks& sticks, uint32_t i, double dt) {
+        const Stuck& stuck = sticks.all[i];
+        const Pull& pull = sticks.pulls[i];
+        const uint32_t corner = threadIdx.x;
+        const double limit = stuck.limit * dt;
+        return {stuck.nodes[corner], stuck.weights[corner], pull.gives, limit * limit,
+                triple(pull.by[corner]), triple(pull.along), triple(pull.goes), triple(pull.impulse)};
+    }
+};
+
+// Velocities by impulses on points of edges, by the first eight threads: projected Gauss-Seidel, as on the processor.
+template <class Nodes>
+__device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, double dt) {
     constexpr int SWEEPS = 32;
     constexpr double CONVERGED = 1e-3;
-    const uint32_t corner = threadIdx.x, count = *sticks.count;
-    double most = 0.0;
     for (int sweep = 0; sweep < SWEEPS; ++sweep) {
-        double largest = 0.0, change_of_any = 0.0;
+        double largest2 = 0.0, change2 = 0.0;
+        Pulled next = Pulled::of(sticks, 0, dt);
 #pragma unroll 1
         for (uint32_t i = 0; i < count; ++i) {
-            Stuck& stuck = sticks.all[i];
-            const ToolStep& tool = step.tools[stuck.tool];
-            const View view = view_of(tool, to);
-            const Vec arm = rotate(view.turn, vec(stuck.at)), along = rotate(view.turn, vec(stuck.along)), goes = velocity_of(tool, arm, step.duration);
-            const uint32_t slot = stuck.nodes[corner];
-            const double weight = stuck.weights[corner];
-            const Triple by = mobility(nodes, slot, stuck.inverse_kg[corner]), v = nodes.v(slot);
-            Triple slip = triple(goes) - sum_of_eight(v * weight);
-            slip = slip - triple(along) * dot(slip, triple(along));
-            // By the most mobile axis of each node: no impulse overshoots.
-            const double gives = sum_of_eight(fmax(by.x, fmax(by.y, by.z)) * weight * weight);
-            const Triple before = sweep == 0 ? Triple{} : Triple{stuck.impulse[0], stuck.impulse[1], stuck.impulse[2]};
-            Triple wanted = before;
-            if (gives > 0.0) {
-                wanted = before + slip * (1.0 / gives);
-                const double size = sqrt(dot(wanted, wanted)), limit = stuck.limit * dt;
-                if (size > limit) wanted = wanted * (limit / size);
-                const Triple impulse = wanted - before, change = each(by, impulse) * weight;
-                nodes.set(slot, nodes.u(slot) + change * dt, v + change);
-                most += sqrt(dot(change, change)) * dt;
-                largest = fmax(largest, sqrt(dot(wanted, wanted)));
-                change_of_any = fmax(change_of_any, sqrt(dot(impulse, impulse)));
-                if (corner == 0) give(stuck.tool, impulse * -1.0, cross(triple(arm), impulse) * -1.0, dot(impulse, triple(goes)));
-            }
+            const Pulled pull = next;
+            // What the next one is does not depend on this one, but for its nodes' velocities.
+            if (i + 1 < count) next = Pulled::of(sticks, i + 1, dt);
+            if (!(pull.gives > 0.0)) continue;
+            const Triple v = nodes.v(pull.slot);
+            Triple slip = pull.goes - sum_of_eight(v * pull.weight);
+            slip = slip - pull.along * dot(slip, pull.along);
+            Triple wanted = pull.impulse + slip * (1.0 / pull.gives);
+            const double size2 = squared(wanted);
+            if (size2 > pull.limit2) wanted = wanted * sqrt(pull.limit2 / size2);
+            const Triple impulse = wanted - pull.impulse;
+            nodes.set_v(pull.slot, v + each(pull.by, impulse));
+            largest2 = fmax(largest2, squared(wanted));
+            change2 = fmax(change2, squared(impulse));
+            if (threadIdx.x == 0) put(sticks.pulls[i].impulse, wanted);
             // What one has changed the next one sees.
             __syncwarp(0xff);
-            if (corner == 0) stuck.impulse[0] = wanted.x, stuck.impulse[1] = wanted.y, stuck.impulse[2] = wanted.z;
-            __syncwarp(0xff);
         }
-        if (change_of_any <= CONVERGED * largest) break;
+        if (change2 <= CONVERGED * CONVERGED * largest2) break;
     }
-    return most;
+}
+
+// Tissue sticks to points of edges: all threads. give(tool, impulse on it, its moment and the work on the tissue) is the first one's. Gives how far a node of this thread's went at most.
+template <class Nodes, class Give>
+__device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, Give give) {
+    const uint32_t count = sticks.all ? *sticks.count : 0;
+    if (count == 0) return 0.0;
+    begin_pulls(nodes, sticks, count, step, to);
+    __syncthreads();
+    if (threadIdx.x < 8) solve_pulls(nodes, sticks, count, dt);
+    __syncthreads();
+    const uint32_t corner = threadIdx.x % 8;
+    double most2 = 0.0;
+    // Points that share a node say the same of it.
+#pragma unroll 1
+    for (uint32_t i = threadIdx.x / 8; i < count; i += GROUPS) {
+        const uint32_t slot = sticks.all[i].nodes[corner];
+        const Pull& pull = sticks.pulls[i];
+        const Triple change = nodes.v(slot) - triple(pull.v[corner]);
+        nodes.move(slot, triple(pull.u[corner]) + change * dt);
+        most2 = fmax(most2, squared(change));
+    }
+    if (threadIdx.x == 0) {
+#pragma unroll 1
+        for (uint32_t i = 0; i < count; ++i) {
+            const Pull& pull = sticks.pulls[i];
+            const Triple impulse = triple(pull.impulse);
+            give(sticks.all[i].tool, impulse * -1.0, cross(triple(pull.arm), impulse) * -1.0, dot(impulse, triple(pull.goes)));
+        }
+    }
+    return sqrt(most2) * dt;
 }
 
 __device__ void add(ToolSum& sum, const Triple& impulse, const Triple& moment, double work) {

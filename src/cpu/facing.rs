@@ -5,7 +5,7 @@
 
 use super::lanes::Real;
 use super::mobile::Mobile;
-use crate::cut::facing::Facing;
+use crate::cut::facing::{Facing, Facings};
 use crate::math::{Mat3, Vec3};
 use crate::model::energy;
 
@@ -13,9 +13,9 @@ use crate::model::energy;
 const LEAST_AGREEMENT: f64 = std::f64::consts::SQRT_2;
 
 /// Keeps all pairs apart, in cells of edge length `h`, at the end of a substep of `dt` seconds. Returns how far a node was put back at most, in m.
-pub fn keep_apart<R: Real>(all: &[Facing], h: f64, dt: f64, nodes: &mut Mobile<R>) -> f64 {
+pub fn keep_apart<R: Real>(all: &Facings, h: f64, dt: f64, nodes: &mut Mobile<R>) -> f64 {
     let mut furthest = 0.0_f64;
-    for facing in all {
+    for facing in all.iter() {
         let at = facing.nodes.map(|side| side.map(|slot| nodes.u.vec3(slot)));
         let of = |side: &[Vec3; 8]| -> Vec3 { side.iter().zip(facing.weights).map(|(u, w)| u * w).sum() };
         let apart = of(&at[0]) - of(&at[1]);

@@ -22,7 +22,7 @@ use super::sleep::{Sleep, Thresholds};
 use super::stability;
 use super::surface;
 use super::workers::{Member, Workers};
-use crate::cut::facing::Facing;
+use crate::cut::facing::Facings;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
@@ -56,7 +56,7 @@ struct Core<R: CpuReal> {
     tables: LawTables<R>,
     pieces: Pieces<R>,
     /// The sides of cuts.
-    facing: Vec<Facing>,
+    facing: Facings,
     hold: Hold,
     corner_kg: [f64; 16],
     kernel: Kernel<R>,
@@ -124,7 +124,7 @@ impl<R: CpuReal> CpuSolver<R> {
             },
             tables,
             pieces: Pieces::default(),
-            facing: Vec::new(),
+            facing: Facings::default(),
             hold: Hold::default(),
             bricks,
         };
@@ -303,7 +303,7 @@ impl<R: CpuReal> Solver for CpuSolver<R> {
             }
         }
         core.pieces = Pieces::new(topology, core.bricks.count(), &core.corner_kg);
-        core.facing = Facing::all(topology);
+        core.facing.follow(topology, change);
         let (surface, redrawn) = surfaces[core.bricks.model.contact_surface()];
         core.contact.follow(surface, redrawn);
         Ok(())

@@ -37,13 +37,13 @@ pub struct Fields {
 }
 
 impl Cutter {
-    /// Room for the births of small cuts.
-    pub fn new(stream: &Arc<Stream>) -> Result<Self> {
+    /// Room for so many births, and for as many changes of other kinds: a cut that makes more makes room.
+    pub fn new(room: usize, stream: &Arc<Stream>) -> Result<Self> {
         Ok(Self {
             stream: stream.clone(),
-            born: Buffer::zeros(stream, 0)?,
-            reworded: Buffer::zeros(stream, 0)?,
-            turned: Buffer::zeros(stream, 0)?,
+            born: Buffer::zeros(stream, room)?,
+            reworded: Buffer::zeros(stream, room)?,
+            turned: Buffer::zeros(stream, room)?,
         })
     }
 
@@ -83,11 +83,8 @@ impl Cutter {
             return Ok(());
         }
         let device = &self.stream.device;
-        {
-            let _entered = device.enter()?;
-            // SAFETY: the kernel's argument, as declared, of buffers that outlive the wait below.
-            unsafe { kernel.launch(device, self.stream.handle, blocks, THREADS, &mut [pointer(&mut cut)])? };
-        }
-        self.stream.wait()
+        let _entered = device.enter()?;
+        // SAFETY: the kernel's argument, as declared, of buffers that are freed only once the device has ended its work.
+        unsafe { kernel.launch(device, self.stream.handle, blocks, THREADS, &mut [pointer(&mut cut)]) }
     }
 }

@@ -7,6 +7,7 @@ use cudarc::driver::sys::CUdeviceptr;
 
 use super::memory::{Buffer, Plain, Stream};
 use crate::error::Result;
+use crate::model::surface::grow;
 
 /// Bytes that are compared, and written, together.
 const BLOCK_BYTES: usize = 512;
@@ -23,7 +24,8 @@ pub struct Kept<T> {
 
 impl<T: Plain + PartialEq> Kept<T> {
     /// Those values, and room for `room` at least.
-    pub fn of(stream: &Arc<Stream>, values: Vec<T>, room: usize) -> Result<Self> {
+    pub fn of(stream: &Arc<Stream>, mut values: Vec<T>, room: usize) -> Result<Self> {
+        grow(&mut values, room);
         let buffer = Buffer::zeros(stream, room.max(values.len()))?;
         buffer.write(0, &values)?;
         Ok(Self { stream: stream.clone(), host: values, buffer })

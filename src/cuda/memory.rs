@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cudarc::driver::sys::{CUdeviceptr, CUstream};
+use parking_lot::Mutex;
 
 use super::device::Device;
 use crate::cpu::efg::rows::{Cell, Entry, Place};
@@ -61,6 +62,8 @@ unsafe impl Plain for super::layout::Facing {}
 // SAFETY: see above; what pads it does not matter.
 unsafe impl Plain for super::layout::Stuck {}
 // SAFETY: see above.
+unsafe impl Plain for super::layout::Pull {}
+// SAFETY: see above.
 unsafe impl Plain for super::layout::Birth {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Reworded {}
@@ -81,7 +84,23 @@ pub struct Stream {
     pub handle: CUstream,
     /// What was copied through it.
     pub traffic: Traffic,
+    staged: Mutex<Staged>,
 }
+
+/// Bytes for which there is room on their way to the device, and most of a copy that goes that way: of more, the copying takes longer than the wait.
+const STAGED_BYTES: usize = 1 << 20;
+const MOST_STAGED: usize = 1 << 16;
+
+/// Memory of the host's that the device copies from when it comes to it: nobody waits for that.
+#[derive(Debug)]
+struct Staged {
+    host: *mut u8,
+    /// How much of it the device may have yet to copy.
+    used: usize,
+}
+
+// SAFETY: plain memory, which goes where the stream goes.
+unsafe impl Send for Staged {}
 
 /// Bytes that were copied between host and device.
 #[derive(Debug, Default)]
@@ -119,14 +138,55 @@ impl Stream {
     pub fn new(device: Arc<Device>) -> Result<Self> {
         /// CU_STREAM_NON_BLOCKING.
         const NON_BLOCKING: u32 = 1;
-        let mut handle = std::ptr::null_mut();
+        let (mut handle, mut host) = (std::ptr::null_mut(), std::ptr::null_mut());
         {
             let _entered = device.enter()?;
-            // SAFETY: `handle` is written.
+            // SAFETY: `host` is written, and then `handle`.
+            let status = unsafe { (device.driver.mem_host_alloc)(&mut host, STAGED_BYTES, 0) };
+            device.driver.check(status, "memory that the GPU copies from")?;
+            // SAFETY: as above.
             let status = unsafe { (device.driver.stream_create)(&mut handle, NON_BLOCKING) };
-            device.driver.check(status, "a stream on the GPU")?;
+            device.driver.check(status, "a stream on the GPU").inspect_err(|_| {
+                // SAFETY: own memory, which nobody has used.
+                unsafe { (device.driver.mem_free_host)(host) };
+            })?;
         }
-        Ok(Self { device, handle, traffic: Traffic::default() })
+        let staged = Mutex::new(Staged { host: host.cast(), used: 0 });
+        Ok(Self { device, handle, traffic: Traffic::default(), staged })
+    }
+
+    /// All that was asked of the stream has been done, as a report has told that came last.
+    pub fn note_idle(&self) {
+        self.staged.lock().used = 0;
+    }
+
+    /// Asks for a copy of the host's values to the device. Where these are few they may change as soon as this returns; otherwise, which it says, only after [`Self::wait`].
+    ///
+    /// # Safety
+    /// There is room for the values at `at`, and those that it says so of stay until the wait.
+    unsafe fn copy<T: Plain>(&self, values: &[T], at: CUdeviceptr) -> Result<bool> {
+        let bytes = size_of_val(values);
+        let mut from = values.as_ptr().cast::<c_void>();
+        let is_staged = bytes <= MOST_STAGED;
+        if is_staged {
+            if self.staged.lock().used + bytes > STAGED_BYTES {
+                self.wait()?;
+            }
+            let mut staged = self.staged.lock();
+            // SAFETY: inside the memory as just made sure of, in a part that the device does not copy from; one thread asks at a time.
+            unsafe {
+                let place = staged.host.add(staged.used);
+                std::ptr::copy_nonoverlapping(from.cast(), place, bytes);
+                from = place.cast_const().cast();
+            }
+            staged.used += bytes;
+        }
+        let _entered = self.device.enter()?;
+        // SAFETY: as promised; what was staged stays until the stream is known to have come so far.
+        let status = unsafe { (self.device.driver.memcpy_to_device)(at, from, bytes, self.handle) };
+        self.device.driver.check(status, "writing to the GPU")?;
+        self.traffic.add_to_device(bytes);
+        Ok(is_staged)
     }
 
     /// Waits until all is done.
@@ -134,15 +194,21 @@ impl Stream {
         let _entered = self.device.enter()?;
         // SAFETY: an own stream.
         let status = unsafe { (self.device.driver.stream_synchronize)(self.handle) };
-        self.device.driver.check(status, "waiting for the GPU")
+        self.device.driver.check(status, "waiting for the GPU")?;
+        self.note_idle();
+        Ok(())
     }
 }
 
 impl Drop for Stream {
     fn drop(&mut self) {
         if let Ok(_entered) = self.device.enter() {
-            // SAFETY: an own stream, used no more; pending work is finished first by the driver.
-            unsafe { (self.device.driver.stream_destroy)(self.handle) };
+            // SAFETY: an own stream, used no more; pending work is finished first, and then nothing copies from the memory.
+            unsafe {
+                (self.device.driver.stream_synchronize)(self.handle);
+                (self.device.driver.stream_destroy)(self.handle);
+                (self.device.driver.mem_free_host)(self.staged.get_mut().host.cast());
+            }
         }
     }
 }
@@ -219,35 +285,29 @@ impl<T: Plain> Buffer<T> {
         values: &[T],
         ranges: impl IntoIterator<Item = (usize, Range<usize>)>,
     ) -> Result<()> {
-        let device = &self.stream.device;
-        let mut is_idle = true;
+        let mut are_staged = true;
         for (first, range) in ranges.into_iter().filter(|(_, range)| !range.is_empty()) {
             let values = &values[range];
             assert!(first + values.len() <= self.count, "a write stays inside its buffer");
-            is_idle = false;
-            let _entered = device.enter()?;
             let at = self.at + (first * size_of::<T>()) as u64;
             // SAFETY: inside the buffer as asserted; the host's values live until the wait below.
-            let status = unsafe {
-                (device.driver.memcpy_to_device)(
-                    at,
-                    values.as_ptr().cast(),
-                    size_of_val(values),
-                    self.stream.handle,
-                )
-            };
-            device.driver.check(status, "writing to the GPU")?;
-            self.stream.traffic.add_to_device(size_of_val(values));
+            are_staged &= unsafe { self.stream.copy(values, at)? };
         }
-        if is_idle { Ok(()) } else { self.stream.wait() }
+        if are_staged { Ok(()) } else { self.stream.wait() }
     }
 
     /// Writes values from the first on; where there is no room for them, to another place.
     pub fn replace(&mut self, values: &[T]) -> Result<()> {
-        if values.len() > self.count {
-            *self = Self::zeros(&self.stream, values.len().next_power_of_two())?;
-        }
+        self.make_room(values.len())?;
         self.write(0, values)
+    }
+
+    /// Has room for so many values; where there was none they are zeros, at another place.
+    pub fn make_room(&mut self, count: usize) -> Result<()> {
+        if count > self.count {
+            *self = Self::zeros(&self.stream, count.next_power_of_two())?;
+        }
+        Ok(())
     }
 
     /// Copies the first `count` values of a record, in the stream's order.

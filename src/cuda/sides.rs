@@ -5,43 +5,41 @@ use std::sync::Arc;
 use super::kept::Kept;
 use super::layout;
 use super::memory::Stream;
-use crate::cut::facing::{CLASSES, Facing};
-use crate::cut::topology::Topology;
+use crate::cut::facing::{CLASSES, Facing, Facings};
+use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
 
 /// All pairs.
 #[derive(Debug)]
 pub struct Sides {
-    facing: Vec<Facing>,
+    facing: Facings,
     all: Kept<layout::Facing>,
     cells: Kept<u32>,
     classes: Kept<u32>,
 }
 
 impl Sides {
-    /// None.
-    pub fn new(stream: &Arc<Stream>) -> Result<Self> {
+    /// None, with room for so many.
+    pub fn new(room: usize, stream: &Arc<Stream>) -> Result<Self> {
         Ok(Self {
-            facing: Vec::new(),
-            all: Kept::of(stream, Vec::new(), 0)?,
-            cells: Kept::of(stream, Vec::new(), 0)?,
+            facing: Facings::default(),
+            all: Kept::of(stream, Vec::new(), room)?,
+            cells: Kept::of(stream, Vec::new(), room + 1)?,
             classes: Kept::of(stream, Vec::new(), CLASSES + 1)?,
         })
     }
 
-    /// Takes over those of a topology, whose nodes weigh `kg`.
-    pub fn take(&mut self, topology: &Topology, kg: impl Fn(u32) -> f64) -> Result<()> {
-        self.facing = Facing::all(topology);
-        let (mut cells, mut classes) = (Vec::new(), Vec::new());
-        for (pair, facing) in (0..).zip(&self.facing) {
-            let begins = pair == 0 || self.facing[pair as usize - 1].cell != facing.cell;
-            classes.resize(classes.len().max(facing.class() + 1), cells.len() as u32);
-            if begins {
-                cells.push(pair);
-            }
+    /// Takes over what a cut has changed of a topology, whose nodes weigh `kg`.
+    pub fn take(&mut self, topology: &Topology, change: &Change, kg: impl Fn(u32) -> f64) -> Result<()> {
+        self.facing.follow(topology, change);
+        let (mut cells, mut classes, mut pairs) = (Vec::new(), Vec::new(), 0);
+        for (class, facing) in self.facing.cells() {
+            classes.resize(classes.len().max(class + 1), cells.len() as u32);
+            cells.push(pairs);
+            pairs += facing.len() as u32;
         }
         classes.resize(CLASSES + 1, cells.len() as u32);
-        cells.push(self.facing.len() as u32);
+        cells.push(pairs);
         self.cells.set(cells)?;
         self.classes.set(classes)?;
         self.weigh(kg)

@@ -63,8 +63,8 @@ impl State {
             },
             started: Buffer::zeros(stream, 1)?,
             pieces: Pieces::new(body, true, stream)?,
-            sides: Sides::new(stream)?,
-            cutter: Cutter::new(stream)?,
+            sides: Sides::new(body.slot_count() - body.own_slots(), stream)?,
+            cutter: Cutter::new(body.slot_count() - body.own_slots(), stream)?,
             cell: body.bricks.model.lattice().cell_m() as f32,
         })
     }
@@ -110,7 +110,7 @@ impl State {
     ) -> Result<()> {
         body.bricks.divide(topology, change);
         self.pieces.take(topology, body)?;
-        self.sides.take(topology, |slot| body.node_mass(slot))?;
+        self.sides.take(topology, change, |slot| body.node_mass(slot))?;
         self.bricks = body.bricks_for(topology.copy_count());
         let fields = Fields {
             u: self.u.each_ref().map(Buffer::at),

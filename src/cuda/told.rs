@@ -48,6 +48,7 @@ impl Told {
         }
         // Acquire: what the device wrote before the number is read after it.
         fence(Ordering::Acquire);
+        stream.note_idle();
         // SAFETY: as above; the device writes again only in the next step.
         Ok(unsafe { report.read_volatile() })
     }

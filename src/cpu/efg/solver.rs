@@ -21,7 +21,7 @@ use super::conjugate::{Budget, Reached};
 use super::press::{Press, wall_n_m};
 use super::route::{EfgReal, Route};
 use super::system::{Parts, Step, System};
-use crate::cut::facing::Facing;
+use crate::cut::facing::Facings;
 use crate::cut::surface::drawn::Redrawn;
 use crate::cut::topology::{Change, Topology};
 use crate::error::Result;
@@ -68,7 +68,7 @@ pub struct EfgSolver<R: EfgReal> {
     v: Field<R>,
     looked: Looked<R>,
     /// The sides of cuts.
-    facing: Vec<Facing>,
+    facing: Facings,
     hold: Hold,
     contact: ContactSurface,
     press: Press,
@@ -107,7 +107,7 @@ impl<R: EfgReal> EfgSolver<R> {
             u: Field::zeros(bricks.count()),
             v: Field::zeros(bricks.count()),
             looked: Looked::default(),
-            facing: Vec::new(),
+            facing: Facings::default(),
             hold: Hold::default(),
             press: Press::of(&contact),
             contact,
@@ -474,7 +474,7 @@ impl<R: EfgReal> Solver for EfgSolver<R> {
         }
         self.uploaded += self.system.upload(&self.bricks);
         self.system.set_laws(&self.bricks, &self.laws);
-        self.facing = Facing::all(topology);
+        self.facing.follow(topology, change);
         let (surface, redrawn) = surfaces[self.bricks.model.contact_surface()];
         self.contact.follow(surface, redrawn);
         Ok(())

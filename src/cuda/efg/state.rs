@@ -121,8 +121,8 @@ impl<R: Number> State<R> {
             is_settled: Buffer::zeros(stream, 1)?,
             rows,
             pieces: Pieces::new(body, false, stream)?,
-            sides: Sides::new(stream)?,
-            cutter: Cutter::new(stream)?,
+            sides: Sides::new(body.slot_count() - body.own_slots(), stream)?,
+            cutter: Cutter::new(body.slot_count() - body.own_slots(), stream)?,
             started: Buffer::zeros(stream, 1)?,
         };
         state.set_masses(body)?;
@@ -205,7 +205,7 @@ impl<R: Number> State<R> {
         self.cells.edit(body.bricks.cells.len(), &cells, |cell| body.bricks.cells[cell])?;
         self.weigh(body, &topology.nodes_of(body.bricks.model.lattice(), change))?;
         let mass = &self.mass;
-        self.sides.take(topology, |slot| mass.host()[slot as usize].to_f64())?;
+        self.sides.take(topology, change, |slot| mass.host()[slot as usize].to_f64())?;
         self.bricks = body.bricks_for(topology.copy_count());
         let fields = Fields {
             u: [self.shown.at(), 0],

@@ -53,10 +53,23 @@ pub struct Stuck {
     pub weights: [f64; 8],
     pub inverse_kg: [f64; 8],
     pub limit: f64,
-    pub impulse: [f64; 3],
     pub at: [f32; 3],
     pub along: [f32; 3],
     pub tool: u32,
+}
+
+/// What happens to one in a substep.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct Pull {
+    pub by: [[f64; 3]; 8],
+    pub u: [[f64; 3]; 8],
+    pub v: [[f64; 3]; 8],
+    pub arm: [f64; 3],
+    pub along: [f64; 3],
+    pub goes: [f64; 3],
+    pub gives: f64,
+    pub impulse: [f64; 3],
 }
 
 /// All of them.
@@ -64,6 +77,7 @@ pub struct Stuck {
 #[repr(C)]
 pub struct Sticks {
     pub all: CUdeviceptr,
+    pub pulls: CUdeviceptr,
     pub count: CUdeviceptr,
     pub sums: CUdeviceptr,
     pub substeps: u32,

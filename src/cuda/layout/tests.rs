@@ -79,8 +79,9 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         }
         Facing { nodes, weights, inverse_kg, normal }
         Sides { all, cells, classes }
-        Stuck { nodes, weights, inverse_kg, limit, impulse, at, along, tool }
-        Sticks { all, count, sums, substeps, begins }
+        Stuck { nodes, weights, inverse_kg, limit, at, along, tool }
+        Pull { by, u, v, arm, along, goes, gives, impulse }
+        Sticks { all, pulls, count, sums, substeps, begins }
         Birth { slot, from }
         Reworded { slot, word }
         Turned { row, from, is_row }

@@ -4,22 +4,30 @@ use std::sync::Arc;
 
 use cudarc::driver::sys::CUdeviceptr;
 
-use crate::cuda::layout::{self, Stuck};
+use crate::cuda::layout::{self, Pull, Stuck};
 use crate::cuda::memory::{Buffer, Stream};
 use crate::error::Result;
 use crate::solver::StepPlan;
+
+/// Points for which there is room at first: there is more where more are in tissue.
+const ROOM: usize = 256;
 
 /// The points of edges that are in tissue, as the device knows them.
 #[derive(Debug)]
 pub struct Sticks {
     points: Buffer<Stuck>,
+    pulls: Buffer<Pull>,
     count: Buffer<u32>,
 }
 
 impl Sticks {
     /// None.
     pub fn new(stream: &Arc<Stream>) -> Result<Self> {
-        Ok(Self { points: Buffer::zeros(stream, 0)?, count: Buffer::zeros(stream, 1)? })
+        Ok(Self {
+            points: Buffer::zeros(stream, ROOM)?,
+            pulls: Buffer::zeros(stream, ROOM)?,
+            count: Buffer::zeros(stream, 1)?,
+        })
     }
 
     /// The device's record of a step's, which adds to `sums` what they give to tools, where nothing `holds` these before; nothing where there are none. Nodes weigh `kg`.
@@ -38,7 +46,6 @@ impl Sticks {
                 weights: held.weights,
                 inverse_kg: held.nodes.map(|slot| kg(slot).recip()),
                 limit: held.limit_n,
-                impulse: [0.0; 3],
                 at: held.at.map(|x| x as f32).into(),
                 along: held.along.map(|x| x as f32).into(),
                 tool,
@@ -48,9 +55,11 @@ impl Sticks {
             return Ok(layout::Sticks::default());
         }
         self.points.replace(&points)?;
+        self.pulls.make_room(self.points.room())?;
         self.count.write(0, &[points.len() as u32])?;
         Ok(layout::Sticks {
             all: self.points.at(),
+            pulls: self.pulls.at(),
             count: self.count.at(),
             sums,
             substeps: plan.substeps,

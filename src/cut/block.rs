@@ -1,6 +1,7 @@
 //! The nodes of the cells of one brick, and which of them are so far to one side of a box that nothing between them meets it.
 
 use super::extents::Extents;
+use crate::math::Vec3;
 use crate::model::lattice::{BRICK, BRICK_SLOTS, Lattice};
 
 /// Nodes of the cells along each axis: one more than the brick's own.
@@ -29,20 +30,26 @@ pub struct Own {
 }
 
 impl Block {
-    /// Of a brick; `sides` says beyond which sides of a box a node stays.
-    pub fn new(lattice: &Lattice, extents: &Extents, brick: u32, sides: impl Fn(u32) -> u8) -> Self {
+    /// Of a brick; `sides` says beyond which sides of a box a node stays, by its slot and where it is at rest, m, model frame.
+    pub fn new(lattice: &Lattice, extents: &Extents, brick: u32, sides: impl Fn(u32, Vec3) -> u8) -> Self {
         let mut block = Self { slots: [0; NODES], sides: [NOTHING; NODES] };
-        let bricks = extents.nodes_of(brick);
-        for place in 0..NODES {
-            let at = [place % ALONG[0], place / APART[1] % ALONG[1], place / APART[2]];
-            let beyond = [0, 1, 2].map(|axis| at[axis] / BRICK[axis]);
-            let next = beyond[0] | beyond[1] << 1 | beyond[2] << 2;
-            let [x, y, z] = [0, 1, 2].map(|axis| at[axis] % BRICK[axis]);
-            let slot = bricks[next] as usize * BRICK_SLOTS + x + BRICK[0] * (y + BRICK[1] * z);
-            // The brick itself stands for those that are not there.
-            if (next == 0 || bricks[next] != brick) && lattice.words()[slot] != 0 {
-                block.slots[place] = slot as u32;
-                block.sides[place] = sides(slot as u32);
+        let (bricks, words, h) = (extents.nodes_of(brick), lattice.words(), lattice.cell_m());
+        let first = lattice.node_of(brick * BRICK_SLOTS as u32);
+        let mut place = 0;
+        for z in 0..ALONG[2] {
+            for y in 0..ALONG[1] {
+                for x in 0..ALONG[0] {
+                    let next = (x / BRICK[0]) | ((y / BRICK[1]) << 1) | ((z / BRICK[2]) << 2);
+                    let node = x % BRICK[0] + BRICK[0] * (y % BRICK[1] + BRICK[1] * (z % BRICK[2]));
+                    let slot = bricks[next] as usize * BRICK_SLOTS + node;
+                    // The brick itself stands for those that are not there.
+                    if (next == 0 || bricks[next] != brick) && words[slot] != 0 {
+                        let at = [first[0] + x, first[1] + y, first[2] + z].map(|n| n as f64 * h);
+                        block.slots[place] = slot as u32;
+                        block.sides[place] = sides(slot as u32, at.into());
+                    }
+                    place += 1;
+                }
             }
         }
         block

@@ -44,7 +44,8 @@ pub fn locate(
         }
         let near_points = Bounds::of(near.iter().map(|&n| &points[n]));
         let to = |slot: u32| lattice.rest_position(slot) + nodes.moved(slot)[1];
-        let block = Block::new(lattice, extents, brick, |slot| near_points.sides(to(slot)));
+        let sides = |slot: u32, rest: Vec3| near_points.sides(rest + nodes.moved(slot)[1]);
+        let block = Block::new(lattice, extents, brick, sides);
         for own in block.own() {
             let material = (lattice.words()[own.slot as usize] >> 28) as u8;
             let Some(corners) = block.cell(own).filter(|_| material != 0 && is_whole(own.slot)) else {

@@ -59,7 +59,8 @@ impl Sweep {
         let mut crossed = Vec::new();
         for &brick in bricks {
             let here = self.near(extents.of_cells(brick));
-            let block = Block::new(lattice, extents, brick, |slot| here.sides(&way(slot)));
+            let sides = |slot: u32, rest: Vec3| here.sides(&Way::of(rest - beside, nodes.moved(slot)));
+            let block = Block::new(lattice, extents, brick, sides);
             for own in block.own() {
                 for axis in 0..3 {
                     let Some(other) = block.next(own, axis) else { continue };

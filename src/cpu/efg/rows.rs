@@ -3,6 +3,7 @@
 //! A node gathers from all rows that it stands in, in their order, after what it receives from regular cells. Each of these is evaluated for it anew, so
 //! that no thread waits for another. That suits few cells, such as those beside a cut.
 
+use std::mem::take;
 use std::ops::Range;
 
 use super::super::lanes::{Lanes, Real};
@@ -58,6 +59,8 @@ pub struct Table<R> {
     pub places: Vec<Place>,
     /// Bit `row` is set where a node in that row of a brick stands in a row of a cell. Empty where there are no rows.
     touched: Vec<u16>,
+    /// Where each slot's part ends, while it is listed.
+    ends: Vec<u32>,
 }
 
 /// How the nodes of a row move: the displacement gradient at its cell, and the affine motion that fits theirs best.
@@ -106,8 +109,13 @@ impl<R: Real> Table<R> {
 
     /// Which rows every node stands in.
     fn list_places(&mut self, slots: usize) {
-        let mut ends = vec![0_u32; slots + 1];
-        let mut touched = vec![0; slots / BRICK_SLOTS];
+        // Memory is kept: that of new lists costs more than what is done here.
+        let (mut ends, mut touched) = (take(&mut self.ends), take(&mut self.touched));
+        let mut places = take(&mut self.places);
+        ends.clear();
+        ends.resize(slots + 1, 0_u32);
+        touched.clear();
+        touched.resize(slots / BRICK_SLOTS, 0);
         for slot in (0..self.len()).flat_map(|row| self.row(row)).map(|seen| seen.slot as usize) {
             ends[slot] += 1;
             touched[slot / BRICK_SLOTS] |= 1 << (slot % BRICK_SLOTS / 8);
@@ -118,7 +126,7 @@ impl<R: Real> Table<R> {
             count += std::mem::replace(end, count);
         }
         self.starts.clone_from(&ends);
-        let mut places = vec![Place { row: 0, entry: 0 }; count as usize];
+        places.resize(count as usize, Place { row: 0, entry: 0 });
         // A node gathers from rows in their order.
         for row in 0..self.len() {
             for (entry, seen) in self.row(row).iter().enumerate() {
@@ -127,7 +135,7 @@ impl<R: Real> Table<R> {
                 *end += 1;
             }
         }
-        (self.touched, self.places) = (touched, places);
+        (self.ends, self.touched, self.places) = (ends, touched, places);
     }
 
     /// The places of a node in rows, in the order of these.

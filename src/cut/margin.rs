@@ -72,8 +72,11 @@ impl Margin {
         &self.edges
     }
 
-    /// The groups of edges of which one may meet one of some boxes.
+    /// The groups of edges of which one may meet one of some boxes; none where nothing was looked at.
     pub fn near(&self, extents: &Extents, boxes: &[Bounds]) -> Vec<u32> {
+        if extents.is_empty() {
+            return Vec::new();
+        }
         let all = boxes.iter().fold(Bounds::EMPTY, |all, one| all.union(one));
         let is_near = |&group: &u32| {
             let around = self.bounds(extents, group);

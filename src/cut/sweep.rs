@@ -253,6 +253,9 @@ mod tests {
         let sweep = Sweep::new(&from, &to, H);
         let nodes = Displaced([start, end]);
         let mut extents = Extents::new(&lattice);
+        // As a device that is lost leaves it.
+        extents.look(|_| (), true);
+        assert!(margin.near(&extents, sweep.boxes()).is_empty() && extents.near(sweep.boxes()).is_empty());
         for u in [start, end] {
             extents.look(|all| all.resize(lattice.bricks().len(), Bounds { low: u, high: u }), true);
         }

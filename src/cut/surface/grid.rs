@@ -209,12 +209,7 @@ impl Grid {
         nodes.extend(parted.iter().flat_map(|&slot| self.parents.children(slot)));
 
         let mut near: Set<GridNode> = nodes.iter().copied().collect();
-        for &(low, axis) in crossed {
-            near.insert(low);
-            // Edges between their children are cut where one between two nodes of the tissue is.
-            let ends = ends_of((low, axis)).into_iter().filter_map(|node| slot(lattice, node));
-            near.extend(ends.flat_map(|slot| self.parents.children(slot)));
-        }
+        near.extend(crossed.iter().map(|&(low, _)| low));
         for slot in self.near_cuts(lattice, &change.edges) {
             near.extend(self.parents.children(slot));
         }
@@ -222,18 +217,21 @@ impl Grid {
         let edges = near.iter().flat_map(|&node| edges_at(node).filter(is_first)).map(|(edge, _)| edge);
         let is_between_tissue =
             |edge: &GridEdge| ends_of(*edge).into_iter().all(|node| slot(lattice, node).is_some());
-        // Others may inherit from those.
-        let (mut edges, others): (Vec<GridEdge>, Vec<GridEdge>) = edges.partition(is_between_tissue);
-        edges.extend(others);
+        let (between, mut others): (Vec<GridEdge>, Vec<GridEdge>) = edges.partition(is_between_tissue);
         let mut cells: Vec<GridNode> = change.cells.iter().map(|&slot| node_of(lattice, slot)).collect();
         let mut parted = Map::default();
-        for edge in edges {
-            let now = self.crossing_of_margin(lattice, topology, edge, &mut parted);
-            let before = match now {
-                Some(at) => self.margin.insert(edge, at),
-                None => self.margin.remove(&edge),
-            };
-            if before != now {
+        // Edges between the children of two nodes of the tissue may inherit from the one between these.
+        let mut heirs: Set<GridNode> = Set::default();
+        for edge in between {
+            if self.look_at(lattice, topology, edge, &mut parted) {
+                cells.extend(cells_around_edge(edge));
+                let ends = ends_of(edge).into_iter().filter_map(|node| slot(lattice, node));
+                heirs.extend(ends.flat_map(|slot| self.parents.children(slot)));
+            }
+        }
+        others.extend(heirs.iter().flat_map(|&node| edges_at(node)).map(|(edge, _)| edge));
+        for edge in others {
+            if self.look_at(lattice, topology, edge, &mut parted) {
                 cells.extend(cells_around_edge(edge));
             }
         }
@@ -334,6 +332,22 @@ impl Grid {
             front = next;
         }
         near
+    }
+
+    /// Looks anew where an edge that no tissue cell has is cut. Returns whether that is elsewhere than before.
+    fn look_at(
+        &mut self,
+        lattice: &Lattice,
+        topology: &Topology,
+        edge: GridEdge,
+        parted: &mut Map<[u32; 2], bool>,
+    ) -> bool {
+        let now = self.crossing_of_margin(lattice, topology, edge, parted);
+        let before = match now {
+            Some(at) => self.margin.insert(edge, at),
+            None => self.margin.remove(&edge),
+        };
+        before != now
     }
 
     /// Where an edge that no tissue cell has is cut. What has been found of pairs of parents is kept in `parted`.

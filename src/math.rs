@@ -41,6 +41,11 @@ impl Bounds {
         bounds
     }
 
+    /// Around each segment of a polyline; around the point where there is but one.
+    pub fn along(points: &[Vec3]) -> Vec<Self> {
+        points.windows(points.len().clamp(1, 2)).map(Self::of).collect()
+    }
+
     /// Around two points, this far beyond them.
     pub fn around(p: Vec3, q: Vec3, reach: f64) -> Self {
         Self { low: p.inf(&q), high: p.sup(&q) }.widened(reach)
@@ -170,3 +175,16 @@ macro_rules! scalar_num {
 }
 scalar_num!(f32);
 scalar_num!(f64);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_along_a_polyline_hold_its_segments_and_a_single_point() {
+        let [a, b, c] = [Vec3::zeros(), Vec3::new(1.0, -2.0, 3.0), Vec3::new(4.0, 0.0, 0.0)];
+        assert_eq!(Bounds::along(&[a, b, c]), [[a, b], [b, c]].map(|ends| Bounds::of(&ends)));
+        assert_eq!(Bounds::along(&[b]), [Bounds { low: b, high: b }]);
+        assert!(Bounds::along(&[]).is_empty());
+    }
+}

@@ -87,7 +87,7 @@ pub struct Stream {
     staged: Mutex<Staged>,
 }
 
-/// Bytes for which there is room on their way to the device, and most of a copy that goes that way: of more, the copying takes longer than the wait.
+/// Bytes for which there is room on their way to the device, and most of a copy that goes that way: longer ones would soon fill it.
 const STAGED_BYTES: usize = 1 << 20;
 const MOST_STAGED: usize = 1 << 16;
 

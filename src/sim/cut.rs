@@ -293,9 +293,7 @@ impl State {
     /// Where points are in whole soft cells, as last looked at: those of a polyline, model frame.
     pub fn locate(&mut self, cuts: &mut Cuts, points: &[Vec3]) -> Vec<Option<Inside>> {
         let lattice = self.model.lattice();
-        let boxes: Vec<Bounds> =
-            points.windows(2).map(|ends| Bounds::around(ends[0], ends[1], 0.0)).collect();
-        let bricks = cuts.seen.extents.near(&boxes);
+        let bricks = cuts.seen.extents.near(&Bounds::along(points));
         cuts.seen.fetch(self.solver.as_mut(), &bricks, std::iter::empty());
         let laws = &self.body.laws;
         let is_soft = |slot: u32| laws[(lattice.words()[slot as usize] >> 28) as usize].spring_n_m > 0.0;

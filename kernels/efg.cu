@@ -33,9 +33,18 @@ template <class R>
 struct Run {
     Worker<R>& w;
     Press<R>& press;
+    const Edges<R>& edges;
     const Contact& c;
-    bool has_contact = false;
+    // Whether points of a surface are near tools, and whether there are those or edges in tissue.
+    bool has_contact = false, touches = false;
     double noise = 0.0;
+
+    // What contact and edges add to A times a field. Gives the thread's part of its product with the field.
+    __device__ double touch(const void* of, bool less_wanted) const {
+        if (w.is_worker) return 0.0;
+        const double of_edges = edges.touch(of, less_wanted);
+        return has_contact ? of_edges + press.touch(of, less_wanted) : of_edges;
+    }
 
     // The residual of x, and that preconditioned; r·r and r·z of this thread's nodes. A x is known, or is found.
     __device__ void renew(bool is_known, Sums& sums) const {
@@ -48,7 +57,7 @@ struct Run {
             // What rows give is still that of x where A x is known.
             w.give_of_rows(e.x, R(-1), false);
         }
-        if (has_contact && !w.is_worker) press.touch(e.x, true);
+        touch(e.x, true);
         meet(w.grid);
         w.for_each_brick([&](uint32_t brick) {
             const V3<R> more = w.added(c, has_contact, brick), b = w.get(e.b, brick), ax = w.get(e.ax, brick);
@@ -69,7 +78,7 @@ struct Run {
             sums.numbers[2] += double(dot(z, az));
         });
         sums.numbers[2] += w.give_of_rows(w.e.z, R(-1), false);
-        if (has_contact && !w.is_worker) sums.numbers[2] += press.touch(w.e.z, false);
+        sums.numbers[2] += touch(w.e.z, false);
     }
 
     // p = z + β p and x += α p, and so r by A p; z, r·r and r·z from that.
@@ -144,11 +153,13 @@ struct Run {
     __device__ void solve_with_contact(Reached& reached) const {
         for (int solution = 1;; ++solution) {
             solve(solution == 1, reached);
-            if (!has_contact) return;
+            if (!touches) return;
             if (!w.is_worker) {
-                const bool is_settled = press.judge(w.s.scratch);
+                double most[2] = {0.0, 0.0};
+                edges.judge(solution, most);
+                const bool is_settled = press.judge(most, w.s.scratch);
                 if (threadIdx.x == 0) *w.e.is_settled = is_settled;
-                if (!is_settled && !is_last(solution, reached)) press.mend();
+                if (!is_settled && !is_last(solution, reached)) press.mend(), edges.mend();
             }
             meet(w.grid);
             if (*(volatile uint32_t*)w.e.is_settled || is_last(solution, reached)) return;
@@ -169,9 +180,8 @@ __device__ void carry(const Worker<R>& w, const Contact& c, bool has_contact) {
         double force[3] = {}, rest[4] = {};
         for (uint32_t i = w.holds.starts[t] + threadIdx.x; i < w.holds.starts[t + 1]; i += blockDim.x) {
             const Held node = w.holds.nodes[i];
-            const uint32_t carrier = w.carrier_of(c, has_contact, node.slot);
             V3<R> j = plus(vector_of<R>(e.ax, node.slot), vector_of<R>(e.b, node.slot), R(-1));
-            if (carrier != ~0u) j = plus(j, w.touched_on(carrier), R(1));
+            j = plus(j, w.touched(c, has_contact, node.slot), R(1));
             if (e.row_count) j = plus(j, given_by_rows<R>(e, node.slot), R(1));
             const Vec arm = rotate(view.turn, vec(node.place)), impulse{float(j.x), float(j.y), float(j.z)}, moment = cross(arm, impulse);
             force[0] -= j.x, force[1] -= j.y, force[2] -= j.z;
@@ -229,12 +239,12 @@ __device__ void tell(const Worker<R>& w, const Press<R>& press, const Contact& c
 }
 
 template <class R, int FEWEST_TEAMS>
-__device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const Push& loads, const Drive& regions, const Hold& holds, unsigned char* memory) {
+__device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const Push& loads, const Drive& regions, const Hold& holds, const Sticks& sticks, unsigned char* memory) {
     static_assert(sizeof(Shared<R>) == EFG_BLOCK_BYTES<R> && sizeof(Team<R>) == EFG_TEAM_BYTES<R>);
     static_assert(sizeof(PressShared) <= FEWEST_TEAMS * sizeof(Team<R>));
     Shared<R>& s = *reinterpret_cast<Shared<R>*>(memory);
     unsigned char* const others = memory + sizeof(Shared<R>);
-    Worker<R> w(e, loads, regions, holds, s, reinterpret_cast<Team<R>*>(others));
+    Worker<R> w(e, loads, regions, holds, sticks, s, reinterpret_cast<Team<R>*>(others));
     const EfgStep& step = w.step;
     if (threadIdx.x < 16) {
         const EfgLaw law = e.laws[threadIdx.x];
@@ -246,7 +256,8 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
     __syncthreads();
 
     Press<R> press(e, c, *reinterpret_cast<PressShared*>(others));
-    Run<R> run{w, press, c};
+    const Edges<R> edges(e, sticks);
+    Run<R> run{w, press, edges, c};
     float seen[3] = {};
     w.for_each_brick([&](uint32_t brick) { w.look(brick, seen); });
     w.look_at_rows(seen);
@@ -256,10 +267,12 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
         if (threadIdx.x % 32 == 0 && threadIdx.x / 32 < 3) reinterpret_cast<float*>(&e.seen[blockIdx.x])[threadIdx.x / 32] = float(most);
     } else {
         press.find();
+        edges.mark(true);
     }
     meet(w.grid);
 
     run.has_contact = c.counts[POINTS] > 0;
+    run.touches = run.has_contact || edges.count > 0;
     if (run.has_contact && !w.is_worker) press.list();
     w.for_each_brick([&](uint32_t brick) { run.noise += w.build(brick); });
     const double unit = double(rounding(R(0))) / step.dt;
@@ -272,6 +285,7 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
     w.push();
     w.take_along();
     if (run.has_contact && !w.is_worker) press.begin();
+    if (!w.is_worker) edges.begin();
     if (w.takes_any()) meet(w.grid);
 
     Reached reached{};
@@ -297,7 +311,10 @@ __device__ __forceinline__ void take_step(const Efg& e, const Contact& c, const 
     }
     meet(w.grid);
     if (is_sound) w.arrive();
-    if (!w.is_worker) tell(w, press, c, reached, run.has_contact, run.noise_of_all, most[0], is_sound);
+    if (w.is_worker) return;
+    edges.tell();
+    edges.mark(false);
+    tell(w, press, c, reached, run.has_contact, run.noise_of_all, most[0], is_sound);
 }
 
 }  // namespace efg_kernel
@@ -306,9 +323,9 @@ using namespace efg_kernel;
 #define PLP_EFG(NAME, R, FEWEST_TEAMS, MOST_TEAMS)                                                                               \
     extern "C" __global__ void __launch_bounds__(MOST_TEAMS* BRICK_NODES, 1)                                                     \
         NAME(const __grid_constant__ Efg e, const __grid_constant__ Contact c, const __grid_constant__ Push loads,               \
-             const __grid_constant__ Drive regions, const __grid_constant__ Hold holds) {                                        \
+             const __grid_constant__ Drive regions, const __grid_constant__ Hold holds, const __grid_constant__ Sticks sticks) {  \
         extern __shared__ float4 memory[];                                                                                       \
-        take_step<R, FEWEST_TEAMS>(e, c, loads, regions, holds, reinterpret_cast<unsigned char*>(memory));                       \
+        take_step<R, FEWEST_TEAMS>(e, c, loads, regions, holds, sticks, reinterpret_cast<unsigned char*>(memory));               \
     }
 // With as many teams as fit into 64 KiB of shared memory at least, and as registers allow at most.
 PLP_EFG(efg_single, float, 4, 6)

@@ -10,8 +10,9 @@
 inline float rsqrtf(float x) { return 1.0f / std::sqrt(x); }
 #endif
 
-// 1 - L / |l| from |l|^2 = `length2`, for the rest length `rest`. In single precision the strain is right to about 1e-7.
-PLP_LAW float elongation(float length2, float rest) { return 1.0f - rest * rsqrtf(length2); }
+// 1 - L / |l| from |l|^2 = `length2`, for the rest length `rest`. In single precision the strain is right to about 1e-7. Finite at any length: where there is no spring, between a node and an
+// empty place, ends do meet.
+PLP_LAW float elongation(float length2, float rest) { return 1.0f - rest * rsqrtf(fmaxf(length2, 1e-6f * (rest * rest))); }
 
 // Damping in N s / m of each node of a piece of `share` of a cell against the mean of all eight, by the cell's spring constant and the mass of its corner.
 PLP_LAW float sliver_damping(float spring, float corner, float share) {

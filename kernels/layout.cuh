@@ -485,19 +485,41 @@ struct Stuck {
 };
 
 // What happens to one in a substep: how fast an impulse on it makes its nodes, and where they were and how fast; where it is from the tool's origin, the direction of the edge, how fast that goes,
-// and how fast an impulse makes the point at most; and the impulse that it gets.
+// how fast an impulse makes the point at most, and the largest impulse, squared; and the impulse that it gets.
 struct Pull {
     double by[8][3], u[8][3], v[8][3];
-    double arm[3], along[3], goes[3], gives;
+    double arm[3], along[3], goes[3], gives, limit2;
     double impulse[3];
 };
 
-// All of them, tool by tool; null where there are none.
+// What one does inside an implicit step: the direction of the edge, and how fast that goes; the impulse per slip where it sticks, in kg, and that above which tissue gives way; what the tissue received, and what it
+// gets where it slips; how the point moves, and what it answers to that; whether it sticks, and whether the last solution asks for that.
+struct EdgePoint {
+    double along[3], velocity[3], stiffness, most;
+    double impulse[3], next[3], moving[3], answer[3];
+    uint32_t sticks, next_sticks;
+};
+
+// A node that carries points of edges, and where its loads begin; a point, and its node's weight there.
+struct EdgeCarrier {
+    uint32_t slot, start, count;
+};
+struct EdgeLoad {
+    double weight;
+    uint32_t point;
+};
+
+// All of them, tool by tool; null where there are none. The last five are the meshless model's, and `carrier_at` says of a slot which carrier it is, counted from 1.
 struct Sticks {
     const Stuck* all;
     Pull* pulls;
     const uint32_t* count;
     ToolSum* sums;
+    EdgePoint* points;
+    const EdgeCarrier* carriers;
+    const uint32_t* carrier_count;
+    const EdgeLoad* loads;
+    uint32_t* carrier_at;
     uint32_t substeps;
     // Whether nothing has begun the tools' sums before.
     uint32_t begins;

@@ -153,9 +153,9 @@ __device__ double keep_apart(const Nodes& nodes, const Sides& sides, double h, d
 __device__ __forceinline__ void put(double to[3], const Triple& v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
 __device__ __forceinline__ double squared(const Triple& v) { return dot(v, v); }
 
-// What happens to points of edges begins: each by eight threads.
+// What happens to points of edges begins: each by eight threads. `has_begun` says whether they have received something before.
 template <class Nodes>
-__device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, const Step& step, float to) {
+__device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, const Step& step, float to, double dt, bool has_begun) {
     const uint32_t corner = threadIdx.x % 8;
 #pragma unroll 1
     for (uint32_t i = threadIdx.x / 8; i < count; i += GROUPS) {
@@ -177,7 +177,10 @@ __device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t c
         put(pull.along, triple(rotate(view.turn, vec(stuck.along))));
         put(pull.goes, triple(velocity_of(tool, arm, step.duration)));
         pull.gives = gives;
-        put(pull.impulse, Triple{});
+        if (!has_begun) put(pull.impulse, Triple{});
+        // What it has received stays.
+        const double limit = stuck.limit * dt;
+        pull.limit2 = fmax(limit * limit, squared(triple(pull.impulse)));
     }
 }
 
@@ -186,29 +189,28 @@ struct Pulled {
     uint32_t slot;
     double weight, gives, limit2;
     Triple by, along, goes, impulse;
-    __device__ static Pulled of(const Sticks& sticks, uint32_t i, double dt) {
+    __device__ static Pulled of(const Sticks& sticks, uint32_t i) {
         const Stuck& stuck = sticks.all[i];
         const Pull& pull = sticks.pulls[i];
         const uint32_t corner = threadIdx.x;
-        const double limit = stuck.limit * dt;
-        return {stuck.nodes[corner], stuck.weights[corner], pull.gives, limit * limit,
+        return {stuck.nodes[corner], stuck.weights[corner], pull.gives, pull.limit2,
                 triple(pull.by[corner]), triple(pull.along), triple(pull.goes), triple(pull.impulse)};
     }
 };
 
 // Velocities by impulses on points of edges, by the first eight threads: projected Gauss-Seidel, as on the processor.
 template <class Nodes>
-__device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, double dt) {
+__device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count) {
     constexpr int SWEEPS = 32;
     constexpr double CONVERGED = 1e-3;
     for (int sweep = 0; sweep < SWEEPS; ++sweep) {
         double largest2 = 0.0, change2 = 0.0;
-        Pulled next = Pulled::of(sticks, 0, dt);
+        Pulled next = Pulled::of(sticks, 0);
 #pragma unroll 1
         for (uint32_t i = 0; i < count; ++i) {
             const Pulled pull = next;
             // What the next one is does not depend on this one, but for its nodes' velocities.
-            if (i + 1 < count) next = Pulled::of(sticks, i + 1, dt);
+            if (i + 1 < count) next = Pulled::of(sticks, i + 1);
             if (!(pull.gives > 0.0)) continue;
             const Triple v = nodes.v(pull.slot);
             Triple slip = pull.goes - sum_of_eight(v * pull.weight);
@@ -230,12 +232,12 @@ __device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t c
 
 // Tissue sticks to points of edges: all threads. give(tool, impulse on it, its moment and the work on the tissue) is the first one's. Gives how far a node of this thread's went at most.
 template <class Nodes, class Give>
-__device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, Give give) {
+__device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, bool has_begun, Give give) {
     const uint32_t count = sticks.all ? *sticks.count : 0;
     if (count == 0) return 0.0;
-    begin_pulls(nodes, sticks, count, step, to);
+    begin_pulls(nodes, sticks, count, step, to, dt, has_begun);
     __syncthreads();
-    if (threadIdx.x < 8) solve_pulls(nodes, sticks, count, dt);
+    if (threadIdx.x < 8) solve_pulls(nodes, sticks, count);
     __syncthreads();
     const uint32_t corner = threadIdx.x % 8;
     double most2 = 0.0;
@@ -275,7 +277,7 @@ __device__ void end_step(const Efg& e, const Sides& sides, const Sticks& sticks)
         const EfgNodes<R> nodes{e};
         double most[1] = {keep_apart(nodes, sides, e.cell, step.dt)};
         __syncthreads();
-        most[0] += stick(nodes, sticks, step.step, step.to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) {
+        most[0] += stick(nodes, sticks, step.step, step.to, step.dt, true, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) {
             add(report.sums[tool], impulse, moment, work);
         });
         const double way = block_all<Largest>(most, scratch);
@@ -302,7 +304,7 @@ extern "C" __global__ void __launch_bounds__(THREADS) mobile(const __grid_consta
     __syncthreads();
     const LatticeNodes nodes{pass};
     const float to = float(pass.substep) / float(sticks.substeps);
-    stick(nodes, sticks, step, to, step.dt, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) { add(sticks.sums[tool], impulse, moment, work); });
+    stick(nodes, sticks, step, to, step.dt, false, [&](uint32_t tool, const Triple& impulse, const Triple& moment, double work) { add(sticks.sums[tool], impulse, moment, work); });
     __syncthreads();
     keep_apart(nodes, sides, pass.cell, step.dt);
 }

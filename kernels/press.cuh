@@ -37,6 +37,15 @@ __device__ __forceinline__ R group_sum(R x) {
     return x;
 }
 
+// Adds to a node's block on A's diagonal, which is known by its inverse.
+template <class R>
+__device__ __forceinline__ void stiffen(const Efg& e, uint32_t slot, const Block<double>& by) {
+    const Block<R> m = block_of<R>(e.inverse, slot);
+    const Block<double> was = inverted(Block<double>{m.xx, m.xy, m.xz, m.yy, m.yz, m.zz});
+    const Block<double> now = inverted(Block<double>{was.xx + by.xx, was.xy + by.xy, was.xz + by.xz, was.yy + by.yy, was.yz + by.yz, was.zz + by.zz});
+    set_block<R>(e.inverse, slot, {R(now.xx), R(now.xy), R(now.xz), R(now.yy), R(now.yz), R(now.zz)});
+}
+
 template <class R>
 struct Press {
     const Efg& e;
@@ -268,11 +277,7 @@ struct Press {
             }
             sum = {group_sum(sum.xx), group_sum(sum.xy), group_sum(sum.xz), group_sum(sum.yy), group_sum(sum.yz), group_sum(sum.zz)};
             if (lane > 0 || first + group >= s.moved) continue;
-            const Block<R> m = block_of<R>(e.inverse, carrier.slot);
-            const Block<double> was = inverted(Block<double>{m.xx, m.xy, m.xz, m.yy, m.yz, m.zz});
-            const Block<double> now =
-                inverted(Block<double>{was.xx + sum.xx, was.xy + sum.xy, was.xz + sum.xz, was.yy + sum.yy, was.yz + sum.yz, was.zz + sum.zz});
-            set_block<R>(e.inverse, carrier.slot, {R(now.xx), R(now.xy), R(now.xz), R(now.yy), R(now.yz), R(now.zz)});
+            efg_kernel::stiffen<R>(e, carrier.slot, sum);
         }
     }
 
@@ -326,9 +331,9 @@ struct Press {
         return work;
     }
 
-    // Reads impulses from how sites move in a solution, and the laws that it asks for. Whether it was found with those.
-    __device__ bool judge(double* scratch) const {
-        double most[2] = {0.0, 0.0};
+    // Reads impulses from how sites move in a solution, and the laws that it asks for. Whether it was found with those; `most` says of what else there is the largest impulse, and by how much
+    // one is wrong.
+    __device__ bool judge(double (&most)[2], double* scratch) const {
         double &largest = most[0], &wrong = most[1];
 #pragma unroll 1
         for (uint32_t k = threadIdx.x; k < count; k += threads) {

@@ -3,6 +3,7 @@
 // For a product with A a team stages the brick and the one-node halo around it in shared memory, has each cell that touches the brick answer, and gathers the answers
 // on the nodes: every sum has a fixed order.
 #pragma once
+#include "edge.cuh"
 #include "efg.cuh"
 #include "field.cuh"
 #include "grid.cuh"
@@ -52,6 +53,7 @@ struct Worker {
     const Push& loads;
     const Drive& regions;
     const Hold& holds;
+    const Sticks& edges;
     Shared<R>& s;
     Team<R>& t;
     Grid grid;
@@ -61,8 +63,8 @@ struct Worker {
     const bool is_worker;
     const R h, inverse_4h;
 
-    __device__ Worker(const Efg& e, const Push& loads, const Drive& regions, const Hold& holds, Shared<R>& s, Team<R>* of_teams)
-        : e(e), step(*e.step), loads(loads), regions(regions), holds(holds), s(s), t(of_teams[threadIdx.x / BRICK_NODES]),
+    __device__ Worker(const Efg& e, const Push& loads, const Drive& regions, const Hold& holds, const Sticks& edges, Shared<R>& s, Team<R>* of_teams)
+        : e(e), step(*e.step), loads(loads), regions(regions), holds(holds), edges(edges), s(s), t(of_teams[threadIdx.x / BRICK_NODES]),
           grid{e.arrived, *e.meetings, e.partials, s.scratch}, team(threadIdx.x / BRICK_NODES), teams(blockDim.x / BRICK_NODES), node(threadIdx.x % BRICK_NODES),
           lane(threadIdx.x & 31), workers(gridDim.x - 1), is_worker(blockIdx.x < workers), h(R(e.cell)), inverse_4h(R(0.25 / e.cell)) {}
 
@@ -394,20 +396,21 @@ struct Worker {
         });
     }
 
-    // Which carrier the node in a slot is, if it is one; and what contact adds on that to A times a vector.
-    __device__ __forceinline__ uint32_t carrier_of(const Contact& c, bool has_contact, uint32_t slot) const {
-        return has_contact && e.near_tools[slot / BRICK_NODES] ? c.carrier_at[slot] : ~0u;
-    }
-    __device__ __forceinline__ V3<R> touched_on(uint32_t carrier) const {
-        const R* const at = static_cast<const R*>(e.touched) + 3 * carrier;
-        return {at[0], at[1], at[2]};
+    // What contact and edges add on the node in a slot to A times a vector.
+    __device__ __forceinline__ V3<R> touched(const Contact& c, bool has_contact, uint32_t slot) const {
+        V3<R> sum{0, 0, 0};
+        const uint32_t carrier = has_contact && e.near_tools[slot / BRICK_NODES] ? c.carrier_at[slot] : ~0u;
+        if (carrier != ~0u) {
+            const R* const at = static_cast<const R*>(e.touched) + 3 * carrier;
+            sum = {at[0], at[1], at[2]};
+        }
+        return edges.all ? plus(sum, given_by_edges<R>(edges, slot), R(1)) : sum;
     }
 
-    // And what contact and rows add at this thread's node.
+    // And what these and rows add at this thread's node.
     __device__ __forceinline__ V3<R> added(const Contact& c, bool has_contact, uint32_t brick) const {
-        const uint32_t carrier = carrier_of(c, has_contact, slot(brick));
-        const V3<R> touched = carrier == ~0u ? V3<R>{0, 0, 0} : touched_on(carrier);
-        return e.row_count ? plus(touched, given_by_rows<R>(e, slot(brick)), R(1)) : touched;
+        const V3<R> sum = touched(c, has_contact, slot(brick));
+        return e.row_count ? plus(sum, given_by_rows<R>(e, slot(brick)), R(1)) : sum;
     }
 
     __device__ __forceinline__ V3<R> precondition(const V3<R>& r, uint32_t brick) const {

@@ -76,7 +76,13 @@ fn simulation(model: &Arc<Model>, method: Method, gravity_m_s2: Vec3) -> Sim {
 
 /// With background drag, 1/s.
 fn dragged(model: &Arc<Model>, method: Method, gravity_m_s2: Vec3, drag_per_s: f64) -> Sim {
+    stepped(model, method, gravity_m_s2, drag_per_s, SimDesc::default().step_s)
+}
+
+/// In steps of a length, s.
+fn stepped(model: &Arc<Model>, method: Method, gravity_m_s2: Vec3, drag_per_s: f64, step_s: f64) -> Sim {
     let desc = SimDesc {
+        step_s,
         method,
         precision: Precision::Double,
         threads: 2,

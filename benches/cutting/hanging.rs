@@ -27,8 +27,7 @@ pub fn run(options: &Options, report: &mut Report) {
 
 /// Takes the figure `largest`.
 pub fn run_larger(options: &Options, report: &mut Report) {
-    // In steps of a frame the meshless model drags small cells along with an edge that should cut them: it cuts freely.
-    let mut torus = Torus { toughness_j_m2: 0.0, ..options.torus() };
+    let mut torus = options.torus();
     let how = (options.model, options.frame_s(), options.seconds.or(Some(HALF_S)));
     while torus.cells <= MOST_CELLS {
         let phases = match scene(&torus).and_then(|scene| measure("largest", scene, how, options)) {

@@ -19,7 +19,9 @@ struct Point {
     mobilities: [Vec3; 8],
     /// Velocity across the edge that an impulse gives the point at most, in 1/kg.
     give: f64,
+    /// What the tissue has received in the substep, of that what it had before, in N s.
     impulse: Vec3,
+    begun: Vec3,
 }
 
 /// The points of one tool's edge. Keeps its memory.
@@ -30,7 +32,7 @@ pub struct Hold {
 
 impl Hold {
     /// Gives tissue that a tool's edge holds at the fraction `t` of the step the velocity of the edge, across it, by impulses that are limited by its toughness; what they take
-    /// is the tool's. A substep takes `dt`, the tool's whole way `step`, in s. Returns how far a node went by that at most, in m.
+    /// is the tool's. `begun` says what each point has received in the substep before, if anything. A substep takes `dt`, the tool's whole way `step`, in s. Returns how far a node went by that at most, in m.
     ///
     /// By projected Gauss–Seidel over all points: none is pushed beyond the edge's velocity, so that no energy comes of it.
     pub fn hold<R: Real>(
@@ -38,6 +40,7 @@ impl Hold {
         tool: &ToolStep,
         t: f64,
         [dt, step]: [f64; 2],
+        begun: &mut impl Iterator<Item = Vec3>,
         nodes: &mut Mobile<R>,
         sum: &mut ToolSum,
     ) -> f64 {
@@ -49,13 +52,15 @@ impl Hold {
             // By the most mobile axis of each node: no impulse overshoots.
             let give = mobilities.iter().zip(held.weights).map(|(m, weight)| m.max() * weight * weight).sum();
             let velocity = tool.path.velocity(&pose, pose.translation.vector + arm, step);
+            let begun = begun.next().unwrap_or_default();
             Point {
                 arm,
                 along: pose.rotation * held.along,
                 velocity,
                 mobilities,
                 give,
-                impulse: Vec3::zeros(),
+                impulse: begun,
+                begun,
             }
         }));
         let mut furthest = 0.0_f64;
@@ -69,7 +74,7 @@ impl Hold {
                     point.velocity - pairs().map(|(slot, weight)| nodes.v.vec3(slot) * weight).sum::<Vec3>();
                 let slip = slip - point.along * slip.dot(&point.along);
                 let wanted = point.impulse + slip / point.give;
-                let (size, most) = (wanted.norm(), held.limit_n * dt);
+                let (size, most) = (wanted.norm(), (held.limit_n * dt).max(point.begun.norm()));
                 let wanted = if size > most { wanted * (most / size) } else { wanted };
                 let impulse = wanted - point.impulse;
                 point.impulse = wanted;
@@ -90,7 +95,7 @@ impl Hold {
             sum.impulse.torque_n_m -= point.arm.cross(&point.impulse);
             sum.work_j += point.impulse.dot(&point.velocity);
             let fastest = point.mobilities.iter().zip(held.weights).map(|(m, weight)| m.max() * weight);
-            furthest += fastest.fold(0.0, f64::max) * point.impulse.norm() * dt;
+            furthest += fastest.fold(0.0, f64::max) * (point.impulse - point.begun).norm() * dt;
         }
         furthest
     }

@@ -24,8 +24,12 @@ impl<R> Mobile<'_, R> {
 
     /// 1 along each axis that is free, else 0.
     pub fn free(&self, slot: u32) -> Vec3 {
-        let flags = self.flags[slot as usize];
-        let is_free = |axis: usize| flags & (flag::GRASPED | flag::FIX_X << axis) == 0;
-        Vec3::from_fn(|axis, _| if is_free(axis) { 1.0 } else { 0.0 })
+        free(self.flags[slot as usize])
     }
+}
+
+/// 1 along each axis that flags leave free, else 0.
+pub fn free(flags: u8) -> Vec3 {
+    let is_free = |axis: usize| flags & (flag::GRASPED | flag::FIX_X << axis) == 0;
+    Vec3::from_fn(|axis, _| if is_free(axis) { 1.0 } else { 0.0 })
 }

@@ -471,7 +471,8 @@ impl<R: CpuReal> Core<R> {
         let v_now = v_next.as_mut().unwrap_or(&mut *v);
         let mut mobile = Mobile { u: &mut *u_next, v: v_now, flags: &self.flags, kg: &kg };
         for (tool, sum) in plan.tools.iter().zip(&mut *sums) {
-            furthest += self.hold.hold(tool, span[1], [plan.dt, duration], &mut mobile, sum);
+            furthest +=
+                self.hold.hold(tool, span[1], [plan.dt, duration], &mut std::iter::empty(), &mut mobile, sum);
         }
         furthest += keep_apart(&self.facing, bricks.model.lattice().cell_m(), plan.dt, &mut mobile);
         let moved = |brick: usize| f64::from(marks[brick].displacement2).sqrt();

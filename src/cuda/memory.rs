@@ -64,6 +64,12 @@ unsafe impl Plain for super::layout::Stuck {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Pull {}
 // SAFETY: see above.
+unsafe impl Plain for super::layout::EdgePoint {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::EdgeCarrier {}
+// SAFETY: see above.
+unsafe impl Plain for super::layout::EdgeLoad {}
+// SAFETY: see above.
 unsafe impl Plain for super::layout::Birth {}
 // SAFETY: see above.
 unsafe impl Plain for super::layout::Reworded {}

@@ -128,7 +128,7 @@ impl CudaSolver {
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
             contact: ContactSurface::new(model, copies, &stream)?,
-            outside: Outside::new(model, &stream)?,
+            outside: Outside::new(model, None, &stream)?,
             near: NearTools::new(body.bricks.count(), &stream)?,
             sleep: Sleep::new(&body, &stream)?,
             surfaces: Surfaces::new(model, copies),

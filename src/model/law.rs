@@ -60,6 +60,8 @@ pub struct SpringClass<N> {
     length: N,
     /// 1 / w.
     inverse_share: N,
+    /// L² / w of the shortest length that a spring is told apart from none at, a thousandth of L, in m².
+    shortest2: N,
     /// w / L², by which a damper's rate l · dv becomes relative.
     pub damping: N,
 }
@@ -73,14 +75,16 @@ impl<N: Num> SpringClass<N> {
             length2: N::splat(length2 / share),
             length: N::splat((length2 / share).sqrt()),
             inverse_share: N::splat(1.0 / share),
+            shortest2: N::splat(1e-6 * length2 / share),
             damping: N::splat(share / length2),
         }
     }
 
-    /// w (1 − L/|l|) from `e` = |l|² − L², without cancellation: with q = |l|² / w it is e / (q + L √(q / w)).
+    /// w (1 − L/|l|) from `e` = |l|² − L², without cancellation: with q = |l|² / w it is e / (q + L √(q / w)). Finite at any length: a spring whose ends meet has no
+    /// direction, and where there is none at all, between a node and an empty place, ends do meet.
     #[inline(always)]
     pub fn elongation(&self, e: N) -> N {
-        let q = e.fma(self.inverse_share, self.length2);
+        let q = e.fma(self.inverse_share, self.length2).max(self.shortest2);
         e.div(self.length.fma(q.sqrt(), q))
     }
 

@@ -7,10 +7,12 @@ use palpate::solver::blade::Blade;
 use palpate::solver::method::Method;
 use palpate::solver::tool::{ToolDesc, ToolMotion};
 
-use super::{CELL_M, METHODS, beam, dragged, simulation, slit};
+use super::{CELL_M, METHODS, beam, dragged, simulation, slit, stepped};
 
 /// J/m².
 const TOUGHNESS: f64 = 5.0;
+/// Share of the toughness that steps of a frame feel at least: within one, tissue may stick for a part of it.
+const LONG_STEPS: f64 = 0.97;
 
 /// An edge along y through the origin, longer than any beam is wide.
 fn edge(toughness_j_m2: f64) -> ToolDesc {
@@ -72,6 +74,49 @@ fn a_blade_that_cuts_feels_the_toughness_for_each_metre_of_its_edge_in_the_tissu
             let force = go(&mut sim, &mut blade, 7.5 + 0.05 * f64::from(step), 3.3);
             assert!(step < 40 || force == Vec3::zeros(), "{force:?} at {step}");
         }
+    }
+}
+
+#[test]
+fn in_steps_of_a_frame_a_blade_feels_the_toughness_too_and_cuts_what_it_passes() {
+    // So tough that impulses on masses alone would take the nodes some 80 mm along in a step.
+    let (width, model, step_s) = (5, beam([20, 5, 6], true), 1.0 / 60.0);
+    let mut sim = stepped(&model, METHODS[1], Vec3::zeros(), 200.0, step_s);
+    let mut blade = sim.add_tool(&edge(TOUGHNESS)).unwrap();
+    let expected = TOUGHNESS * f64::from(width) * CELL_M;
+    let limit = expected + 0.501 * TOUGHNESS * CELL_M;
+    let (mut sum, mut count) = (0.0, 0);
+    let mut x = 21.0;
+    while x > 8.0 {
+        x -= 20.0 * step_s;
+        let force = go(&mut sim, &mut blade, x, 3.3);
+        if x < 16.0 {
+            (sum, count) = (sum + force.x, count + 1);
+        }
+    }
+    let mean = sum / f64::from(count);
+    assert!(mean > LONG_STEPS * expected && mean < limit, "{mean} of {expected}");
+    // Of all that it has passed but for the cells that it pushes ahead, nothing is left to cut.
+    let before = sim.statistics().divided_cells;
+    assert_eq!(slit(&mut sim, 21.0, x + 1.0, 3.3), 0);
+    assert!(before >= 5 * 10, "{before} cells");
+}
+
+#[test]
+fn an_edge_shorter_than_half_a_cell_holds_tissue_too() {
+    for method in METHODS {
+        let mut sim = simulation(&beam([6, 3, 3], true), method, Vec3::zeros());
+        let edge = [-0.2, 0.2].map(|y| Vec3::new(0.0, y * CELL_M, 0.0));
+        let blade = Blade { edge: edge.to_vec(), toughness_j_m2: 1e5 };
+        let mut blade = sim.add_tool(&ToolDesc::blade(blade)).unwrap();
+        let at = |x: f64| ToolMotion::at(Pose::translation(x * CELL_M, 1.5 * CELL_M, 1.5 * CELL_M));
+        blade.set_motion(&at(4.5)).unwrap();
+        sim.step().unwrap();
+        blade.set_motion(&at(4.6)).unwrap();
+        sim.step().unwrap();
+        // It pulls tissue along, which pulls back.
+        assert!(blade.force().wrench.force_n.x < 0.0, "{:?}", blade.force().wrench);
+        assert_eq!(sim.statistics().divided_cells, 0);
     }
 }
 

@@ -3,6 +3,7 @@
 mod block;
 pub(crate) mod cell_rows;
 mod conjugate;
+mod edge;
 mod gather;
 mod laws;
 pub(crate) mod press;

@@ -2,12 +2,14 @@
 //!
 //! A point that ends the step inside a tool is pushed out by a spring that is far stiffer than the tissue that carries it, and held back across its normal by
 //! Coulomb's law; both are parts of A and b. The spring takes its compliance, a [`STIFFNESS`]th of the tissue's, as depth. A point that would be pulled is let go of,
-//! and friction's law is followed by that of the last solution, so that A stays symmetric: a few solutions, each from the one before, until nothing changes.
+//! and friction's law is followed by that of the last solution, so that A stays symmetric: a few solutions, each from the one before, until nothing changes. So
+//! do the edges of blades, see [`super::edge`].
 
 use super::super::contact::ContactSurface;
 use super::super::contact::found::Found;
 use super::super::lanes::Real;
 use super::block::Block;
+use super::edge::Edges;
 use super::system::{Parts, System};
 use crate::math::{Mat3, Vec3};
 use crate::model::law::CellLaw;
@@ -54,9 +56,10 @@ struct Law {
     grip: f64,
 }
 
-/// All points in contact in a step.
+/// All points in contact in a step, and those of edges in tissue.
 #[derive(Debug)]
 pub struct Press {
+    pub edges: Edges,
     points: Vec<Point>,
     carried: Vec<(u32, f64)>,
     nodes: Vec<u32>,
@@ -64,7 +67,8 @@ pub struct Press {
     shares: Vec<f64>,
 }
 
-fn matrix(b: &Block) -> Mat3 {
+/// A symmetric block as a matrix.
+pub fn matrix(b: &Block) -> Mat3 {
     Mat3::new(b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5])
 }
 
@@ -73,6 +77,7 @@ impl Press {
     pub fn of(contact: &ContactSurface) -> Self {
         let [points, nodes, carried] = contact.room();
         Self {
+            edges: Edges::default(),
             points: Vec::with_capacity(points),
             carried: Vec::with_capacity(carried),
             nodes: Vec::with_capacity(nodes),
@@ -81,9 +86,9 @@ impl Press {
         }
     }
 
-    /// Whether there is none.
+    /// Whether nothing of it is part of A.
     pub fn is_empty(&self) -> bool {
-        self.points.is_empty()
+        self.points.is_empty() && self.edges.are_free()
     }
 
     /// Takes the points that were found, and adds them to the system's blocks. What nothing carries that moves resists by `wall_n_m`.
@@ -162,6 +167,7 @@ impl Press {
                 system.b.set(slot, system.b.vec3(slot) + wanted * (sign * weight));
             }
         }
+        self.edges.load(sign, system);
     }
 
     /// Adds their part of A times `of` to q. Gives that part of p·A p. Alone.
@@ -170,7 +176,8 @@ impl Press {
         parts: &Parts<R>,
         of: *const super::super::lanes::Octet<R>,
     ) -> f64 {
-        let mut work = 0.0;
+        // SAFETY: as the caller promises.
+        let mut work = unsafe { self.edges.multiply(parts, of) };
         for point in self.points.iter().filter(|point| point.law.is_pushed) {
             let carried = &self.carried[point.start..point.end];
             // SAFETY: the caller is alone, and nodes have slots.
@@ -188,9 +195,9 @@ impl Press {
         work
     }
 
-    /// Reads impulses from a solution, and the laws that it asks for. Whether it was found with those.
-    pub fn judge<R: Real>(&mut self, system: &System<R>) -> bool {
-        let (mut largest, mut wrong) = (0.0_f64, 0.0_f64);
+    /// Reads impulses from the step's `solution`th solution, and the laws that it asks for. Whether it was found with those.
+    pub fn judge<R: Real>(&mut self, solution: usize, system: &System<R>) -> bool {
+        let [mut largest, mut wrong] = self.edges.judge(solution, system);
         for point in self.points.iter_mut().filter(|point| !point.is_wall) {
             let carried = &self.carried[point.start..point.end];
             let moving: Vec3 = carried.iter().map(|&(n, w)| system.x.vec3(self.nodes[n as usize]) * w).sum();
@@ -215,6 +222,7 @@ impl Press {
     /// Takes the laws that the last solution asks for.
     pub fn mend(&mut self) {
         self.points.iter_mut().for_each(|point| point.law = point.next);
+        self.edges.mend();
     }
 
     /// What each point received in the last solution: along its normal, and across it.

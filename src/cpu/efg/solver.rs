@@ -148,6 +148,8 @@ impl<R: EfgReal> EfgSolver<R> {
             unsafe { (route.begin)(parts, member, mine) }
         });
         self.look_for_contact(plan, span);
+        let step_s = plan.dt * f64::from(plan.substeps);
+        self.press.edges.begin(plan.tools, span[1], [plan.dt, step_s], &self.flags, &mut self.system);
         self.move_held(plan, span[1]);
         for loads in plan.loads {
             self.load(loads, plan.dt);
@@ -180,7 +182,7 @@ impl<R: EfgReal> EfgSolver<R> {
             iterations += found.iterations;
             budget.reference = Some(found.reference);
             budget.iterations = self.desc.max_iterations.saturating_sub(iterations);
-            let is_settled = self.press.judge(&self.system);
+            let is_settled = self.press.judge(solution, &self.system);
             if is_settled || solution == MAX_SOLUTIONS || budget.iterations == 0 {
                 break;
             }
@@ -254,12 +256,13 @@ impl<R: EfgReal> EfgSolver<R> {
     /// Tissue sticks to the edges of blades, and sides of cuts stay apart, once all has moved.
     fn hold(&mut self, plan: &StepPlan, t: f64, sums: &mut [ToolSum]) {
         let step = plan.dt * f64::from(plan.substeps);
-        let Self { u, v, flags, bricks, system, facing, hold, .. } = self;
+        let Self { u, v, flags, bricks, system, facing, hold, press, .. } = self;
         let kg = |slot: u32| system.mass(slot);
         let mut mobile = Mobile { u, v, flags, kg: &kg };
         let mut way = keep_apart(facing, bricks.model.lattice().cell_m(), plan.dt, &mut mobile);
+        let mut begun = press.edges.impulses();
         for (tool, sum) in plan.tools.iter().zip(sums) {
-            way += hold.hold(tool, t, [plan.dt, step], &mut mobile, sum);
+            way += hold.hold(tool, t, [plan.dt, step], &mut begun, &mut mobile, sum);
         }
         self.fastest += way / plan.dt;
     }

@@ -155,3 +155,27 @@ fn damped_kernels_agree_on_every_route_and_run_length() {
     // All but the portable one, which is the last, do the very same operations.
     assert!(found[..routes.len() - 1].windows(2).all(|pair| pair[0] == pair[1]));
 }
+
+#[test]
+fn a_body_that_is_where_nothing_was_is_at_rest() {
+    // Moved by a cell, a node is where an empty place was that has no spring to it: so are those at every face and edge of the body.
+    let (model, laws) = ragged();
+    let (bricks, lattice) = (Bricks::new(model.clone(), 0), model.lattice());
+    let slots: Vec<u32> =
+        (0..lattice.slot_count() as u32).filter(|&s| lattice.words()[s as usize] != 0).collect();
+    let tables = LawTables::<f32>::new(&laws, lattice.cell_m());
+    for way in
+        (0..27).map(|n| Vec3::new(f64::from(n % 3), f64::from(n / 3 % 3), f64::from(n / 9)).add_scalar(-1.0))
+    {
+        // There, and beside it by what single precision hardly tells apart, and by a little more.
+        for aside in [0.0, 1e-7, 1e-5, 1e-3] {
+            let moved = way * lattice.cell_m() * (1.0 + aside);
+            for route in f32::routes(&tables) {
+                let mut nodes = Nodes::<f32>::at_rest(bricks.count(), false);
+                slots.iter().for_each(|&slot| nodes.u.set(slot, moved));
+                let found = accelerations(&bricks, &laws, &mut nodes, MAX_RUN, route);
+                assert!(slots.iter().all(|&slot| found[slot as usize] == Vec3::zeros()), "{way}, {aside}");
+            }
+        }
+    }
+}

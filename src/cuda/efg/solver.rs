@@ -89,7 +89,7 @@ impl<R: Number> CudaEfgSolver<R> {
             step: Pinned::new(&stream)?,
             report: Told::new(&stream)?,
             contact: ContactSurface::new(model, copies, &stream)?,
-            outside: Outside::new(model, &stream)?,
+            outside: Outside::new(model, Some(body.flags.len()), &stream)?,
             near: NearTools::new(body.bricks.count(), &stream)?,
             surfaces: Surfaces::new(model, copies),
             look: (copies > 0).then(|| Look::new(lattice, &stream)).transpose()?,
@@ -193,6 +193,7 @@ impl<R: Number> CudaEfgSolver<R> {
                 pointer(&mut push),
                 pointer(&mut drive),
                 pointer(&mut hold),
+                pointer(&mut sticks),
             ];
             let EfgKernels { step, blocks, threads, .. } = self.kernels;
             step.launch(device, stream, blocks, threads, arguments)?;

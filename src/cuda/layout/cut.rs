@@ -69,7 +69,41 @@ pub struct Pull {
     pub along: [f64; 3],
     pub goes: [f64; 3],
     pub gives: f64,
+    pub limit2: f64,
     pub impulse: [f64; 3],
+}
+
+/// What one does inside an implicit step.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct EdgePoint {
+    pub along: [f64; 3],
+    pub velocity: [f64; 3],
+    pub stiffness: f64,
+    pub most: f64,
+    pub impulse: [f64; 3],
+    pub next: [f64; 3],
+    pub moving: [f64; 3],
+    pub answer: [f64; 3],
+    pub sticks: u32,
+    pub next_sticks: u32,
+}
+
+/// A node that carries points of edges.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct EdgeCarrier {
+    pub slot: u32,
+    pub start: u32,
+    pub count: u32,
+}
+
+/// A point that a node carries.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct EdgeLoad {
+    pub weight: f64,
+    pub point: u32,
 }
 
 /// All of them.
@@ -80,6 +114,11 @@ pub struct Sticks {
     pub pulls: CUdeviceptr,
     pub count: CUdeviceptr,
     pub sums: CUdeviceptr,
+    pub points: CUdeviceptr,
+    pub carriers: CUdeviceptr,
+    pub carrier_count: CUdeviceptr,
+    pub loads: CUdeviceptr,
+    pub carrier_at: CUdeviceptr,
     pub substeps: u32,
     pub begins: u32,
 }

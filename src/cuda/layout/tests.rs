@@ -80,8 +80,11 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Facing { nodes, weights, inverse_kg, normal }
         Sides { all, cells, classes }
         Stuck { nodes, weights, inverse_kg, limit, at, along, tool }
-        Pull { by, u, v, arm, along, goes, gives, impulse }
-        Sticks { all, pulls, count, sums, substeps, begins }
+        Pull { by, u, v, arm, along, goes, gives, limit2, impulse }
+        EdgePoint { along, velocity, stiffness, most, impulse, next, moving, answer, sticks, next_sticks }
+        EdgeCarrier { slot, start, count }
+        EdgeLoad { weight, point }
+        Sticks { all, pulls, count, sums, points, carriers, carrier_count, loads, carrier_at, substeps, begins }
         Birth { slot, from }
         Reworded { slot, word }
         Turned { row, from, is_row }

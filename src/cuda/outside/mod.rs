@@ -59,13 +59,13 @@ pub struct Outside {
 }
 
 impl Outside {
-    /// Nothing acts on the model yet.
-    pub fn new(model: &Arc<Model>, stream: &Arc<Stream>) -> Result<Self> {
+    /// Nothing acts on the model yet; `slots` is how many there are for nodes where steps are implicit.
+    pub fn new(model: &Arc<Model>, slots: Option<usize>, stream: &Arc<Stream>) -> Result<Self> {
         Ok(Self {
             pushes: Pushes::new(model, stream)?,
             drives: Drives::new(model, stream)?,
             holds: Holds::new(model, stream)?,
-            sticks: Sticks::new(stream)?,
+            sticks: Sticks::new(slots, stream)?,
         })
     }
 

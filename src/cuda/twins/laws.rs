@@ -15,12 +15,12 @@ fn springs_stretch_as_on_the_processor() {
         let (length, squared) = (f64::from(rest), f64::from(length2));
         let class = SpringClass::<f64>::new(diagonal, length / f64::from(diagonal).sqrt());
         let share = if diagonal == 3 { 0.75 } else { 1.0 };
-        // Root, reciprocal and product; then the difference.
-        let ratio = length / squared.sqrt();
+        // Root, reciprocal and product; then the difference. The shortest length that counts is a product.
+        let ratio = length / squared.sqrt().max(1e-3 * length);
         Case {
             input: vec![length2, rest],
             expected: [class.elongation(squared - length * length) / share],
-            tolerance: [if ratio.is_finite() { rounded(4, ratio + 1.0) } else { 0.0 }],
+            tolerance: [rounded(5, ratio + 1.0)],
         }
     };
     let mut cases = Vec::new();
@@ -36,7 +36,7 @@ fn springs_stretch_as_on_the_processor() {
     // At rest; with both ends in one place; torn apart.
     let rest = 2.0_f32.powi(-9);
     cases.extend([0.0, rest * rest, 1.0, 1e8].map(|length2| case(1, rest, length2)));
-    assert_eq!(cases[cases.len() - 4].expected, [f64::NEG_INFINITY]);
+    assert!((cases[cases.len() - 4].expected[0] + 999.0).abs() < 1e-6);
     laws.check("float elongation", &cases);
 }
 

@@ -57,13 +57,31 @@ pub fn bounds([a, b, c]: [Vec3; 3]) -> (Vec3, Vec3) {
     (a.inf(&b).inf(&c), a.sup(&b).sup(&c))
 }
 
-fn is_sorted([a, b]: [u32; 2]) -> bool {
-    a < b
+/// An edge of a triangle as each triangle that has it sees it.
+#[derive(Clone, Copy)]
+struct Directed {
+    ends: [u32; 2],
+    /// Whether it runs in the triangle's sense of rotation.
+    is_forward: bool,
 }
 
-/// The ends of a triangle's edge, where decisions take them to be, in the order of their numbers.
-fn canonical(edge: [u32; 2], ends: [Vec3; 2]) -> ([u32; 2], [Vec3; 2]) {
-    if is_sorted(edge) { (edge, ends) } else { ([edge[1], edge[0]], [ends[1], ends[0]]) }
+impl Directed {
+    /// What is at the ends of the triangle's edge, in the edge's direction.
+    fn of<T>(self, [a, b]: [T; 2]) -> [T; 2] {
+        if self.is_forward { [a, b] } else { [b, a] }
+    }
+}
+
+/// The edges of a triangle of the surface: each runs to its higher vertex.
+fn outer_edges(corners: [u32; 3]) -> [Directed; 3] {
+    edges(corners).map(|[a, b]| Directed { ends: [a.min(b), a.max(b)], is_forward: a < b })
+}
+
+/// The edges of a wall's triangle: they run from crossings to points on faces, and from both to points inside. The numbers of these hang on what was cut before, and how far along an edge
+/// something is rounds otherwise from its other end.
+fn wall_edges([crossing, on_face, inside]: [u32; 3]) -> [Directed; 3] {
+    [([crossing, on_face], true), ([on_face, inside], true), ([crossing, inside], false)]
+        .map(|(ends, is_forward)| Directed { ends, is_forward })
 }
 
 /// Divides some triangles of a surface, ascending, and some of the walls, which no others meet, by each other.
@@ -128,18 +146,18 @@ impl Meeter<'_> {
         // The segment runs along the cross product of the wall's normal and the surface's: it ends where an edge of the surface passes the wall upward, and starts where a wall's edge passes the
         // surface so.
         let (mut start, mut end) = (Vec::new(), Vec::new());
-        for (i, edge) in edges(self.scene.surface.triangles[t as usize]).into_iter().enumerate() {
-            let (sorted, [a, b]) = canonical(edge, [outer[i], outer[(i + 1) % 3]]);
+        for (i, edge) in outer_edges(self.scene.surface.triangles[t as usize]).into_iter().enumerate() {
+            let [a, b] = edge.of([outer[i], outer[(i + 1) % 3]]);
             let Some(found) = passage(wall, a, b)? else { continue };
-            let is_upward = found.is_upward == is_sorted(edge);
-            let point = self.on_outer_edge(sorted, w, &found);
+            let is_upward = found.is_upward == edge.is_forward;
+            let point = self.on_outer_edge(edge.ends, w, &found);
             if is_upward { end.push(point) } else { start.push(point) }
         }
-        for (i, edge) in edges(self.scene.walls.triangles[w].corners).into_iter().enumerate() {
-            let (sorted, [a, b]) = canonical(edge, [wall[i], wall[(i + 1) % 3]]);
+        for (i, edge) in wall_edges(self.scene.walls.triangles[w].corners).into_iter().enumerate() {
+            let [a, b] = edge.of([wall[i], wall[(i + 1) % 3]]);
             let Some(found) = passage(outer, a, b)? else { continue };
-            let is_upward = found.is_upward == is_sorted(edge);
-            let point = self.on_wall_edge(sorted, t, &found);
+            let is_upward = found.is_upward == edge.is_forward;
+            let point = self.on_wall_edge(edge.ends, t, &found);
             if is_upward { start.push(point) } else { end.push(point) }
         }
         match (start[..].first(), end[..].first(), start.len() + end.len()) {
@@ -199,10 +217,9 @@ impl Meeter<'_> {
                 return Err(Tie);
             }
         }
-        let along = |points: &Map<[u32; 2], Vec<(f64, u32)>>, edge: [u32; 2]| -> Vec<(f64, u32)> {
-            let sorted = if is_sorted(edge) { edge } else { [edge[1], edge[0]] };
-            let Some(points) = points.get(&sorted) else { return Vec::new() };
-            if is_sorted(edge) {
+        let along = |points: &Map<[u32; 2], Vec<(f64, u32)>>, edge: Directed| -> Vec<(f64, u32)> {
+            let Some(points) = points.get(&edge.ends) else { return Vec::new() };
+            if edge.is_forward {
                 points.clone()
             } else {
                 points.iter().rev().map(|&(share, point)| (1.0 - share, point)).collect()
@@ -212,7 +229,7 @@ impl Meeter<'_> {
         let mut outer = BTreeMap::new();
         for (t, mut divided) in self.outer {
             let corners = surface.triangles[t as usize];
-            divided.on_edges = edges(corners).map(|edge| along(&self.on_outer_edges, edge));
+            divided.on_edges = outer_edges(corners).map(|edge| along(&self.on_outer_edges, edge));
             let corners = corners.map(|v| {
                 let at = || (surface.positions[v as usize], surface.uvs[v as usize], [0.0; 2]);
                 self.points.number(Name::Outer(v), at)
@@ -225,7 +242,7 @@ impl Meeter<'_> {
         for &w in new {
             let corners = self.scene.walls.triangles[w].corners;
             let mut divided = self.walls.remove(&w).expect("each is there once");
-            divided.on_edges = edges(corners).map(|edge| along(&self.on_wall_edges, edge));
+            divided.on_edges = wall_edges(corners).map(|edge| along(&self.on_wall_edges, edge));
             let corners = corners.map(|p| {
                 let point = &self.scene.walls.points[p];
                 self.points.number(Name::Wall(p), || (point.at, [0.0; 2], point.uv()))

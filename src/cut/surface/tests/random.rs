@@ -72,6 +72,12 @@ fn surfaces_stay_closed_under_a_thousand_random_cuts() {
 }
 
 #[test]
+fn what_walls_and_a_surface_divide_each_other_into_does_not_hang_on_what_was_cut_before() {
+    // Its surface lies on the grid's planes, and there cuts corners off walls that are as small as what points are moved by.
+    cut_body(173);
+}
+
+#[test]
 #[ignore = "takes a quarter of an hour; tests/long.sh runs it"]
 fn surfaces_stay_closed_under_a_hundred_thousand_random_cuts() {
     cut_bodies(10_000);

@@ -26,6 +26,7 @@ use index::Index;
 use inside::inside;
 use jitter::Tie;
 use points::Points;
+pub use reach::reach;
 use unroll::unroll;
 use walls::{Replaced, Walls};
 
@@ -43,6 +44,7 @@ mod jitter;
 mod numbers;
 mod parents;
 mod points;
+mod reach;
 mod show;
 mod store;
 mod unroll;
@@ -186,8 +188,10 @@ impl CutSurface {
         beyond.sort_by_key(|&(edge, _)| edge);
         let change = body.topology.everything();
         let index = Arc::new(Index::new(body.surface, body.lattice.cell_m()));
+        let reach = reach(body.surface, body.lattice);
         for seed in 0..ATTEMPTS {
-            let mut cut = Self::uncut(body, &change, index.clone(), seed);
+            let grid = Grid::new(body.lattice, &change.edges, reach);
+            let mut cut = Self::uncut(body.surface, grid, index.clone(), seed);
             let crossed = cut.state.grid.cross(beyond.iter().copied());
             if cut.follow(body, &change, &crossed).is_ok() {
                 return Ok(cut);
@@ -196,8 +200,8 @@ impl CutSurface {
         Err(Error::argument("the surface is not closed where it is cut, or passes through itself there"))
     }
 
-    /// What shows no cut as yet, and `change` is to come.
-    fn uncut(Body { surface, lattice, .. }: Body<'_>, change: &Change, index: Arc<Index>, seed: u64) -> Self {
+    /// What shows no cut as yet; those that the grid has are to come.
+    fn uncut(surface: &Surface, grid: Grid, index: Arc<Index>, seed: u64) -> Self {
         let count = surface.positions.len();
         Self {
             positions: surface.positions.clone(),
@@ -209,7 +213,7 @@ impl CutSurface {
             rows: surface.rows.clone(),
             state: State {
                 index,
-                grid: Grid::new(lattice, &change.edges, reach(surface, lattice)),
+                grid,
                 walls: Walls::default(),
                 points: Points::default(),
                 mesh: Mesh::new(count as u32),
@@ -277,15 +281,6 @@ impl State {
 pub fn room(surface: &Surface, copies: usize) -> [usize; 2] {
     let vertices = 2 * surface.positions.len() + WALL_VERTICES * copies;
     [vertices, 2 * surface.triangles.len() + 2 * WALL_VERTICES * copies]
-}
-
-/// How many cells beside the tissue a surface may reach into.
-pub fn reach(surface: &Surface, lattice: &Lattice) -> usize {
-    let farthest = surface.positions.iter().zip(&surface.rows).map(|(at, row)| {
-        let local = (at - lattice.rest_position(row.nodes[0])) / lattice.cell_m();
-        local.iter().map(|x| (x - 1.0).max(-x)).fold(0.0, f64::max)
-    });
-    1 + farthest.fold(0.0, f64::max).ceil() as usize
 }
 
 #[cfg(test)]

@@ -100,7 +100,7 @@ fn ends_of((low, axis): GridEdge) -> [GridNode; 2] {
 }
 
 /// Material of a cell: 0 where it is empty.
-fn material(lattice: &Lattice, cell: GridNode) -> u8 {
+pub(crate) fn material(lattice: &Lattice, cell: GridNode) -> u8 {
     let inside = (0..3).all(|a| cell[a] >= 0 && (cell[a] as usize) < lattice.cells()[a]);
     if inside { lattice.cell_material(cell.map(|x| x as usize)) } else { 0 }
 }

@@ -6,7 +6,7 @@ use crate::math::Vec3;
 use crate::model::surface::Surface;
 
 /// Farther than a cell's walls reach beyond it for the jitter, in cells.
-const MARGIN: f64 = 1e-6;
+pub const MARGIN: f64 = 1e-6;
 
 /// The lowest and highest cells that a box (m) touches, by next to nothing too.
 pub fn cells_in(low: &Vec3, high: &Vec3, cell_m: f64) -> [GridNode; 2] {

@@ -555,6 +555,17 @@ fn a_mesh_that_lies_on_the_planes_of_the_grid_is_cut_along_them() {
 }
 
 #[test]
+fn a_mesh_is_as_far_from_the_tissue_as_it_lies_between_its_vertices() {
+    // Two of twelve triangles span a pit three cells wide, whose middle is two cells from all tissue.
+    let is_in_pit = |[i, j, k]: [usize; 3]| (1..4).contains(&i) && (1..4).contains(&j) && k >= 2;
+    let mesh = || Some(cuboid(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0)));
+    let reach_of = |body: &Tissue| reach(&body.surface, &body.lattice);
+    // Cells count of which it only touches a side.
+    assert_eq!(reach_of(&Tissue::new([6, 5, 4], |_| true, mesh())), 2);
+    assert_eq!(reach_of(&Tissue::new([6, 5, 4], |cell| !is_in_pit(cell), mesh())), 3);
+}
+
+#[test]
 fn triangles_without_area_are_cut_like_others() {
     // An edge of a cuboid is divided in three on one of its sides only, and a triangle without area makes up for it.
     let mut mesh = cuboid(Vec3::zeros(), Vec3::new(6.0, 5.0, 4.0));

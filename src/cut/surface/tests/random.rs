@@ -78,6 +78,11 @@ fn what_walls_and_a_surface_divide_each_other_into_does_not_hang_on_what_was_cut
 }
 
 #[test]
+fn a_surface_comes_apart_with_its_tissue_where_it_spans_cells_that_are_missing() {
+    cut_body(1_043);
+}
+
+#[test]
 #[ignore = "takes a quarter of an hour; tests/long.sh runs it"]
 fn surfaces_stay_closed_under_a_hundred_thousand_random_cuts() {
     cut_bodies(10_000);

@@ -40,10 +40,13 @@ pub struct Scene<'a> {
 impl Scene<'_> {
     /// Where decisions take the corners of a triangle of the surface to be.
     pub fn beside(&self, t: u32) -> [Vec3; 3] {
-        self.surface.triangles[t as usize].map(|v| {
-            let name = [i64::from(v), 0, 0, -1];
-            self.surface.positions[v as usize] + jitter(name, self.seed) * self.cell_m
-        })
+        self.surface.triangles[t as usize].map(|v| self.vertex_beside(v))
+    }
+
+    /// Where decisions take a vertex of the surface to be.
+    pub fn vertex_beside(&self, v: u32) -> Vec3 {
+        let name = [i64::from(v), 0, 0, -1];
+        self.surface.positions[v as usize] + jitter(name, self.seed) * self.cell_m
     }
 }
 

@@ -40,9 +40,10 @@ impl Hanger<'_> {
         self.on_corner(cell, corners.trailing_zeros() as usize, at)
     }
 
-    /// A vertex of the original surface, where a cut has changed what its row hangs on: it is on the same side as the corner of its cell that no wall hides.
-    pub fn rehung(&self, row: &Row, at: Vec3) -> Result<Option<Hung>, Tie> {
-        let cell: GridNode = (at / self.lattice.cell_m()).map(|x| x.floor() as i32).into();
+    /// A vertex of the original surface, where a cut has changed what its row hangs on: it is on the same side as the corner of its cell that no wall hides from where decisions take it to be,
+    /// `beside`. They take the parts of its triangles to be on that side too, also where it lies on a wall.
+    pub fn rehung(&self, row: &Row, at: Vec3, beside: Vec3) -> Result<Option<Hung>, Tie> {
+        let cell: GridNode = (beside / self.lattice.cell_m()).map(|x| x.floor() as i32).into();
         let is_host_divided = self.topology.cell(row.nodes[0]).is_some();
         if !is_host_divided && self.walls.in_cell(cell).is_empty() {
             let node: GridNode = (at / self.lattice.cell_m()).map(|x| x.round() as i32).into();
@@ -59,7 +60,7 @@ impl Hanger<'_> {
         let mut corners: Vec<usize> = (0..8).filter(|&corner| parent(corner).is_some()).collect();
         corners.sort_by(|a, b| nearest(a).total_cmp(&nearest(b)));
         for corner in corners {
-            if self.sees(at, corner_node(cell, corner))? {
+            if self.sees(beside, corner_node(cell, corner))? {
                 let parent = parent(corner).expect("corners have parents");
                 if !is_host_divided && self.grid.are_connected(parent, row.nodes[0]) {
                     return Ok(None);

@@ -1,5 +1,6 @@
 //! What a change of a cut surface changes in what is shown of it.
 
+use super::arrange::Scene;
 use super::glue::{Joint, Part, Place};
 use super::grid::{GridNode, cells_around};
 use super::hang::{Hanger, Hung};
@@ -103,11 +104,13 @@ impl CutSurface {
         let Body { surface, lattice, topology } = body;
         let state = &self.state;
         let hanger = Hanger { lattice, topology, grid: &state.grid, walls: &state.walls };
+        let scene = Scene { surface, walls: &state.walls, cell_m: lattice.cell_m(), seed: state.seed };
         let [loose, new] = state.loose(change, touched, replaced, joint);
         let mut rehung = Vec::with_capacity(loose.len());
         for v in loose {
             let n = v as usize;
-            rehung.push((v, hanger.rehung(&surface.rows[n], surface.positions[n])?));
+            let hung = hanger.rehung(&surface.rows[n], surface.positions[n], scene.vertex_beside(v))?;
+            rehung.push((v, hung));
         }
         let mut hung = Vec::with_capacity(new.len());
         for v in new {

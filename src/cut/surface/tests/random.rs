@@ -83,6 +83,11 @@ fn a_surface_comes_apart_with_its_tissue_where_it_spans_cells_that_are_missing()
 }
 
 #[test]
+fn a_vertex_that_lies_on_a_wall_hangs_on_the_side_that_its_triangles_are_on() {
+    cut_body(604);
+}
+
+#[test]
 #[ignore = "takes a quarter of an hour; tests/long.sh runs it"]
 fn surfaces_stay_closed_under_a_hundred_thousand_random_cuts() {
     cut_bodies(10_000);

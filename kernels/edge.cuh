@@ -15,9 +15,10 @@ namespace efg_kernel {
 
 // How much stiffer a point that sticks is than the tissue.
 constexpr double EDGE_STIFFNESS = 10.0;
-// Solutions after which another one is not asked for by edges, and the change of an impulse, as a share of what the point takes at most, that asks for one.
+// Change of an impulse, as a share of what the point takes at most, that asks for another solution; and how much more than that a point may have taken that sticks.
+constexpr double EDGE_SETTLED = 0.1, EDGE_EXCESS = 0.01;
+// Solutions after which only what has taken too much asks for another one.
 constexpr int MOST_EDGE_SOLUTIONS = 2;
-constexpr double EDGE_SETTLED = 0.1;
 
 __device__ __forceinline__ V3<double> vector_at(const double* v) { return {v[0], v[1], v[2]}; }
 __device__ __forceinline__ void put_at(double* to, const V3<double>& v) { to[0] = v.x, to[1] = v.y, to[2] = v.z; }
@@ -142,23 +143,29 @@ struct Edges {
             EdgePoint& p = sticks.points[i];
             const V3<double> slipped = slip(p, vector_at(p.moving)), before = vector_at(p.impulse);
             V3<double> next{0, 0, 0}, now = before;
-            double wrong = 0.0;
+            double change = 0.0;
+            bool asks = solution < MOST_EDGE_SOLUTIONS;
             if (p.sticks) {
                 now = plus(next, slipped, p.stiffness), next = now;
                 p.next_sticks = sticks_by(p, next);
-                if (!p.next_sticks) wrong = norm(plus(next, now, -1.0));
+                if (!p.next_sticks) change = norm(plus(next, now, -1.0)), asks = change > EDGE_EXCESS * p.most;
+            } else if (!asks) {
+                // What has slipped goes on to, so that this comes to an end.
+                p.next_sticks = 0, next = before;
             } else if (dot(slipped, before) < 0.0) {
                 // It has gone ahead of the edge: that would have taken less.
                 p.next_sticks = 1;
-                wrong = p.most;
+                change = p.most;
             } else {
                 next = plus(before, slipped, p.stiffness / EDGE_STIFFNESS);
                 p.next_sticks = sticks_by(p, next);
-                wrong = p.next_sticks ? p.most : norm(plus(next, before, -1.0));
+                change = p.next_sticks ? p.most : norm(plus(next, before, -1.0));
+                asks = change > EDGE_SETTLED * p.most;
             }
             put_at(p.impulse, now);
             put_at(p.next, next);
-            most[0] = fmax(most[0], norm(now)), most[1] = fmax(most[1], solution < MOST_EDGE_SOLUTIONS && wrong > EDGE_SETTLED * p.most ? wrong : 0.0);
+            most[0] = fmax(most[0], norm(now));
+            if (asks) most[1] = fmax(most[1], change);
         }
     }
 

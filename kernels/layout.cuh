@@ -485,10 +485,10 @@ struct Stuck {
 };
 
 // What happens to one in a substep: how fast an impulse on it makes its nodes, and where they were and how fast; where it is from the tool's origin, the direction of the edge, how fast that goes,
-// how fast an impulse makes the point at most, and the largest impulse, squared; and the impulse that it gets.
+// and how fast an impulse makes the point at most; and the impulse that it gets.
 struct Pull {
     double by[8][3], u[8][3], v[8][3];
-    double arm[3], along[3], goes[3], gives, limit2;
+    double arm[3], along[3], goes[3], gives;
     double impulse[3];
 };
 

@@ -155,7 +155,7 @@ __device__ __forceinline__ double squared(const Triple& v) { return dot(v, v); }
 
 // What happens to points of edges begins: each by eight threads. `has_begun` says whether they have received something before.
 template <class Nodes>
-__device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, const Step& step, float to, double dt, bool has_begun) {
+__device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, const Step& step, float to, bool has_begun) {
     const uint32_t corner = threadIdx.x % 8;
 #pragma unroll 1
     for (uint32_t i = threadIdx.x / 8; i < count; i += GROUPS) {
@@ -178,9 +178,6 @@ __device__ void begin_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t c
         put(pull.goes, triple(velocity_of(tool, arm, step.duration)));
         pull.gives = gives;
         if (!has_begun) put(pull.impulse, Triple{});
-        // What it has received stays.
-        const double limit = stuck.limit * dt;
-        pull.limit2 = fmax(limit * limit, squared(triple(pull.impulse)));
     }
 }
 
@@ -189,28 +186,29 @@ struct Pulled {
     uint32_t slot;
     double weight, gives, limit2;
     Triple by, along, goes, impulse;
-    __device__ static Pulled of(const Sticks& sticks, uint32_t i) {
+    __device__ static Pulled of(const Sticks& sticks, uint32_t i, double dt) {
         const Stuck& stuck = sticks.all[i];
         const Pull& pull = sticks.pulls[i];
         const uint32_t corner = threadIdx.x;
-        return {stuck.nodes[corner], stuck.weights[corner], pull.gives, pull.limit2,
+        const double limit = stuck.limit * dt;
+        return {stuck.nodes[corner], stuck.weights[corner], pull.gives, limit * limit,
                 triple(pull.by[corner]), triple(pull.along), triple(pull.goes), triple(pull.impulse)};
     }
 };
 
 // Velocities by impulses on points of edges, by the first eight threads: projected Gauss-Seidel, as on the processor.
 template <class Nodes>
-__device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count) {
+__device__ void solve_pulls(const Nodes& nodes, const Sticks& sticks, uint32_t count, double dt) {
     constexpr int SWEEPS = 32;
     constexpr double CONVERGED = 1e-3;
     for (int sweep = 0; sweep < SWEEPS; ++sweep) {
         double largest2 = 0.0, change2 = 0.0;
-        Pulled next = Pulled::of(sticks, 0);
+        Pulled next = Pulled::of(sticks, 0, dt);
 #pragma unroll 1
         for (uint32_t i = 0; i < count; ++i) {
             const Pulled pull = next;
             // What the next one is does not depend on this one, but for its nodes' velocities.
-            if (i + 1 < count) next = Pulled::of(sticks, i + 1);
+            if (i + 1 < count) next = Pulled::of(sticks, i + 1, dt);
             if (!(pull.gives > 0.0)) continue;
             const Triple v = nodes.v(pull.slot);
             Triple slip = pull.goes - sum_of_eight(v * pull.weight);
@@ -235,9 +233,9 @@ template <class Nodes, class Give>
 __device__ double stick(const Nodes& nodes, const Sticks& sticks, const Step& step, float to, double dt, bool has_begun, Give give) {
     const uint32_t count = sticks.all ? *sticks.count : 0;
     if (count == 0) return 0.0;
-    begin_pulls(nodes, sticks, count, step, to, dt, has_begun);
+    begin_pulls(nodes, sticks, count, step, to, has_begun);
     __syncthreads();
-    if (threadIdx.x < 8) solve_pulls(nodes, sticks, count);
+    if (threadIdx.x < 8) solve_pulls(nodes, sticks, count, dt);
     __syncthreads();
     const uint32_t corner = threadIdx.x % 8;
     double most2 = 0.0;

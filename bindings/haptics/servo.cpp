@@ -112,8 +112,8 @@ void exchange(plp_hd &port, plp_tool *tool, bool is_held, plp_hd_tick &t) noexce
     t.servo_flags = felt.flags;
     t.faults |= faults_of(t.status, felt);
     if (felt.age_s >= 0.0) port.ages.add(felt.age_s);
-    // A tool that did not answer has not seen this tick: its force must not come back where it left off.
-    if (t.status < 0 && !is_busy(t.status, felt)) s.lets_go = true;
+    // A tool that did not answer has not seen this tick: its force must not come back where it left off, nor go on where it should have ended.
+    if (t.status < 0 && (!is_held || !is_busy(t.status, felt))) s.lets_go = true;
 }
 
 void count(plp_hd &port, const plp_hd_tick &t) noexcept {
@@ -189,7 +189,7 @@ void run(plp_hd &port) noexcept {
     store(at_most(port.mapping.force(vec(t.force_n)), port.info.max_force_n), t.device_force_n);
     hdSetDoublev(HD_CURRENT_FORCE, t.device_force_n);
     if (port.info.output_dof >= 6) {
-        const Vec3 torque = port.mapping.torque(vec(t.torque_n_m));
+        const Vec3 torque = at_most(port.mapping.torque(vec(t.torque_n_m)), port.info.max_torque_n_m);
         if (r.is_good) store(gimbal_torque(r.rotation, r.gimbal_rad, torque), t.gimbal_torque_n_m);
         double gimbal_mn_m[3];
         store(MNM * vec(t.gimbal_torque_n_m), gimbal_mn_m);

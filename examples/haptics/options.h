@@ -26,32 +26,32 @@ struct Options {
         "        [--motion press|drag|tremor|random|FILE.csv] [--virtual]\n"
         "--motion and --virtual need the emulator; in virtual time this program steps.\n";
 
-    /// False where they cannot be understood.
+    /// False where they cannot be understood, which it says.
     bool parse(int argc, char **argv) {
         for (int i = 1; i < argc; ++i) {
             const std::string name = argv[i];
             if (name == "--virtual") {
                 is_virtual = true;
-            } else if (name.find('=') != std::string::npos) {
+            } else if (name.rfind("--", 0) != 0 && name.find('=') != std::string::npos) {
                 uses.push_back(name);
             } else if (name.rfind("--", 0) != 0 || ++i == argc) {
-                return false;
+                return refuse(name, "");
             } else if (const char *value = argv[i]; name == "--seconds") {
-                seconds = std::atof(value);
+                if (!number(value, 1.0, &seconds) || seconds > 3600.0) return refuse(name, value);
             } else if (name == "--cell") {
-                cell_m = 1e-3 * std::atof(value);
+                if (!number(value, 1e-3, &cell_m)) return refuse(name, value);
             } else if (name == "--cap") {
-                young_cap_pa = 1e3 * std::atof(value);
+                if (!number(value, 1e3, &young_cap_pa)) return refuse(name, value);
             } else if (name == "--scale") {
-                scale = std::atof(value);
+                if (!number(value, 1.0, &scale)) return refuse(name, value);
             } else if (name == "--threads") {
-                threads = static_cast<unsigned>(std::atoi(value));
+                if (std::sscanf(value, "%u", &threads) != 1) return refuse(name, value);
             } else if (name == "--at") {
-                if (std::sscanf(value, "%lf,%lf", &across, &up) != 2) return false;
+                if (std::sscanf(value, "%lf,%lf", &across, &up) != 2) return refuse(name, value);
             } else if (name == "--drive") {
-                if (!choose(value, "thread", "host", &is_hosted)) return false;
+                if (!choose(value, "thread", "host", &is_hosted)) return refuse(name, value);
             } else if (name == "--coupling") {
-                if (!choose(value, "virtual", "direct", &is_direct)) return false;
+                if (!choose(value, "virtual", "direct", &is_direct)) return refuse(name, value);
             } else if (name == "--labels") {
                 labels = value;
             } else if (name == "--csv") {
@@ -61,13 +61,25 @@ struct Options {
             } else if (name == "--motion") {
                 motion = value;
             } else {
-                return false;
+                return refuse(name, value);
             }
         }
-        return seconds > 0.0 && seconds <= 3600.0;
+        return labels.empty() == uses.empty() || refuse("--labels", "without LABEL=PRESET, or the other way round");
     }
 
 private:
+    static bool refuse(const std::string &name, const std::string &value) {
+        std::fprintf(stderr, "haptics: %s %s is not understood\n", name.c_str(), value.c_str());
+        return false;
+    }
+
+    // A number above 0, in units of `unit`.
+    static bool number(const char *text, double unit, double *to) {
+        char *end = nullptr;
+        *to = unit * std::strtod(text, &end);
+        return end != text && *end == '\0' && *to > 0.0 && *to < 1e9;
+    }
+
     static bool choose(const std::string &value, const char *no, const char *yes, bool *is_yes) {
         *is_yes = value == yes;
         return *is_yes || value == no;

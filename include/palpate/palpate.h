@@ -17,6 +17,9 @@
  *   plp_tool_set_pose   -- pose -->         plp_sim_step     -- vertices -->   plp_surface_map
  *   plp_tool_get_force  <-- force --                                           plp_surface_unmap
  *
+ * That force is what tissue and tool give each other, whatever it is. What goes to the motors of a haptic device is bounded first: there
+ * plp_tool_exchange takes the place of both.
+ *
  * A whole program, which presses a ball of 10 mm into a generated chest from the front:
  *
  *   #include <palpate/palpate.h>
@@ -1502,7 +1505,7 @@ plp_status plp_tool_get_force(plp_tool *tool, plp_force *force);
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
 /// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
-/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that.
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that, nor with PLP_HAPTIC_RELEASED or a motion that is none; as it has not been told of these, tell it again.
 ///
 /// @thread port @rt
 plp_status plp_tool_exchange(plp_tool *tool,

@@ -163,7 +163,7 @@ pub unsafe extern "C" fn plp_tool_get_force(tool: *mut plp_tool, force: *mut plp
 ///
 /// The force is there for every answer, also below 0: then and for a motion that is not valid it is going to zero or is zero. Answers PLP_STOPPED
 /// when the simulation is gone or failed, PLP_ERR_STATE for a tool without plp_tool_desc.haptic, PLP_ERR_BUSY to the second of two threads. That one gets what
-/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that.
+/// the tool answered last, with PLP_SERVO_HELD, for 10 ms by its own stamp_s, and no force after that, nor with PLP_HAPTIC_RELEASED or a motion that is none; as it has not been told of these, tell it again.
 ///
 /// @thread port @rt
 #[unsafe(no_mangle)]
@@ -182,9 +182,9 @@ pub unsafe extern "C" fn plp_tool_exchange(
             && !state.is_null()
         {
             // SAFETY: not NULL; the host passes a state.
-            let stamp_s = unsafe { state.read_unaligned() }.stamp_s;
+            let asked = unsafe { state.read_unaligned() };
             if let Some(felt) =
-                handle::aside(tool)?.get().and_then(|words| still_felt(&Said::of(words), stamp_s))
+                handle::aside(tool)?.get().and_then(|words| still_felt(&Said::of(words), &asked))
             {
                 // SAFETY: not NULL; the host offers room for it.
                 unsafe { servo.write_unaligned(felt) };
@@ -266,11 +266,16 @@ impl Said {
     }
 }
 
-/// The last answer, for a servo that finds its tool busy at `stamp_s`.
-fn still_felt(said: &Said, stamp_s: f64) -> Option<plp_servo> {
+/// The last answer, for a servo that finds its tool busy and asks so.
+fn still_felt(said: &Said, asked: &plp_haptic_state) -> Option<plp_servo> {
     // A stamp that is no number, or of another clock, holds nothing.
-    let is_recent = (0.0..=BUSY_HOLD_S).contains(&(stamp_s - said.stamp_s));
-    is_recent.then_some(plp_servo { flags: said.felt.flags | PLP_SERVO_HELD, ..said.felt })
+    let is_recent = (0.0..=BUSY_HOLD_S).contains(&(asked.stamp_s - said.stamp_s));
+    let held = plp_servo { flags: said.felt.flags | PLP_SERVO_HELD, ..said.felt };
+    // A switch that was let go is obeyed here too, and a motion that is none is one.
+    let is_let_go = asked.flags & PLP_HAPTIC_RELEASED != 0 || try_motion(&asked.motion).is_none();
+    let none =
+        plp_servo { force_n: [0.0; 3], torque_n_m: [0.0; 3], flags: held.flags | PLP_SERVO_RELEASED, ..held };
+    is_recent.then_some(if is_let_go { none } else { held })
 }
 
 /// A motion that is none, which the servo answers with no force.
@@ -429,6 +434,20 @@ mod tests {
             (f64::NAN, NO_SERVO),
         ] {
             assert_eq!(tick(stamp_s), (PLP_ERR_BUSY, expected), "at {stamp_s}");
+        }
+        // A switch that is let go is no force, whoever is inside.
+        let nowhere = ToolMotion { linear_m_s: Vec3::repeat(f64::NAN), ..ToolMotion::at(Pose::identity()) };
+        for (motion, flags) in
+            [(ToolMotion::at(Pose::translation(0.0, 0.0, 0.1)), PLP_HAPTIC_RELEASED), (nowhere, 0)]
+        {
+            let state = plp_haptic_state { motion: motion_out(&motion), stamp_s: 7.001, flags, buttons: 0 };
+            let mut felt = NO_SERVO;
+            // SAFETY: a living handle, a state, and room for an answer.
+            let status = unsafe { plp_tool_exchange(tool, &raw const state, &raw mut felt) };
+            assert_eq!(
+                (status, felt),
+                (PLP_ERR_BUSY, plp_servo { flags: kept.flags | PLP_SERVO_RELEASED, ..kept })
+            );
         }
         // Who looks does not have to enter.
         let mut seen = statistics;

@@ -74,7 +74,7 @@ impl Hold {
                     point.velocity - pairs().map(|(slot, weight)| nodes.v.vec3(slot) * weight).sum::<Vec3>();
                 let slip = slip - point.along * slip.dot(&point.along);
                 let wanted = point.impulse + slip / point.give;
-                let (size, most) = (wanted.norm(), (held.limit_n * dt).max(point.begun.norm()));
+                let (size, most) = (wanted.norm(), held.limit_n * dt);
                 let wanted = if size > most { wanted * (most / size) } else { wanted };
                 let impulse = wanted - point.impulse;
                 point.impulse = wanted;

@@ -60,8 +60,8 @@ pub struct SpringClass<N> {
     length: N,
     /// 1 / w.
     inverse_share: N,
-    /// L² / w of the shortest length that a spring is told apart from none at, a thousandth of L, in m².
-    shortest2: N,
+    /// |l|² − L² of the shortest length that is told apart from none, a thousandth of L, in m².
+    shortest: N,
     /// w / L², by which a damper's rate l · dv becomes relative.
     pub damping: N,
 }
@@ -75,7 +75,7 @@ impl<N: Num> SpringClass<N> {
             length2: N::splat(length2 / share),
             length: N::splat((length2 / share).sqrt()),
             inverse_share: N::splat(1.0 / share),
-            shortest2: N::splat(1e-6 * length2 / share),
+            shortest: N::splat((1e-6 - 1.0) * length2),
             damping: N::splat(share / length2),
         }
     }
@@ -84,7 +84,8 @@ impl<N: Num> SpringClass<N> {
     /// direction, and where there is none at all, between a node and an empty place, ends do meet.
     #[inline(always)]
     pub fn elongation(&self, e: N) -> N {
-        let q = e.fma(self.inverse_share, self.length2).max(self.shortest2);
+        let e = e.max(self.shortest);
+        let q = e.fma(self.inverse_share, self.length2);
         e.div(self.length.fma(q.sqrt(), q))
     }
 

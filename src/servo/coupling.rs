@@ -109,6 +109,11 @@ impl VirtualCoupling {
                 "a device that renders torque needs torsional stiffness in its coupling",
             ));
         }
+        if !desc.has_torque() && self.stiffness_n_m_per_rad > 0.0 {
+            return Err(Error::argument(
+                "a device that renders no torque turns its tool by hand: its coupling has no torsional stiffness",
+            ));
+        }
         if self.stiffness_n_per_m == 0.0 {
             return Err(Error::argument("a coupling without stiffness holds nothing"));
         }
@@ -564,5 +569,9 @@ mod tests {
         ] {
             bad.check(&desc).unwrap_err();
         }
+        // A spring that never pulls would hold the tool's turn.
+        let without = DeviceDesc { max_torque_n_m: 0.0, ..desc };
+        VirtualCoupling { stiffness_n_m_per_rad: 0.5, ..good }.check(&without).unwrap_err();
+        VirtualCoupling { stiffness_n_m_per_rad: 0.0, ..good }.check(&without).unwrap();
     }
 }

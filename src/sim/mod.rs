@@ -511,7 +511,10 @@ impl Drop for Sim {
         // Its thread first: it looks at the state. Ports may live on; the state must not.
         self.driver = None;
         let state = self.state.lock().take();
-        drop(state);
+        if let Some(mut state) = state {
+            // Tools first: giving back a GPU takes longer than a servo may hold a force.
+            state.tools.clear();
+        }
     }
 }
 

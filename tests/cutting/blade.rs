@@ -11,8 +11,8 @@ use super::{CELL_M, METHODS, beam, dragged, simulation, slit, stepped};
 
 /// J/m².
 const TOUGHNESS: f64 = 5.0;
-/// Share of the toughness that steps of a frame feel at least: within one, tissue may stick for a part of it.
-const LONG_STEPS: f64 = 0.97;
+/// Share of the toughness that steps of a frame feel at least: for some of them tissue goes along with the edge for less.
+const LONG_STEPS: f64 = 0.7;
 
 /// An edge along y through the origin, longer than any beam is wide.
 fn edge(toughness_j_m2: f64) -> ToolDesc {

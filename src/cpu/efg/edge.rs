@@ -14,9 +14,11 @@ use crate::solver::ToolStep;
 
 /// How much stiffer a point that sticks is than the tissue: with what contact has, a solution would take three times as many iterations, and what is missing is made up for afterwards.
 const STIFFNESS: f64 = 10.0;
-/// Solutions after which another one is not asked for by edges, and the change of an impulse, as a share of what the point takes at most, that asks for one.
-const MOST_SOLUTIONS: usize = 2;
+/// Change of an impulse, as a share of what the point takes at most, that asks for another solution; and how much more than that a point may have taken that sticks.
 const SETTLED: f64 = 0.1;
+const EXCESS: f64 = 0.01;
+/// Solutions after which only what has taken too much asks for another one.
+const MOST_SOLUTIONS: usize = 2;
 
 /// A point of an edge in tissue.
 #[derive(Clone, Copy, Debug)]
@@ -157,13 +159,18 @@ impl Edges {
                 }
             };
             largest = largest.max(point.impulse.norm());
-            let change = match (point.answer, point.next) {
-                (Answer::Sticks, Answer::Sticks) => 0.0,
-                (Answer::Gives(_), Answer::Sticks) => point.most,
-                (_, Answer::Gives(next)) => (next - point.impulse).norm(),
+            let (change, settled) = match (point.answer, point.next) {
+                (Answer::Sticks, Answer::Sticks) => (0.0, SETTLED),
+                (Answer::Sticks, Answer::Gives(next)) => ((next - point.impulse).norm(), EXCESS),
+                (Answer::Gives(_), Answer::Sticks) => (point.most, SETTLED),
+                (Answer::Gives(_), Answer::Gives(next)) => ((next - point.impulse).norm(), SETTLED),
             };
-            if solution < MOST_SOLUTIONS && change > SETTLED * point.most {
+            if change > settled * point.most && (solution < MOST_SOLUTIONS || settled == EXCESS) {
                 wrong = wrong.max(change);
+            }
+            // What has slipped goes on to, so that this comes to an end.
+            if solution >= MOST_SOLUTIONS && point.answer != Answer::Sticks {
+                point.next = point.answer;
             }
         }
         [largest, wrong]

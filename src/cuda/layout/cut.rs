@@ -69,7 +69,6 @@ pub struct Pull {
     pub along: [f64; 3],
     pub goes: [f64; 3],
     pub gives: f64,
-    pub limit2: f64,
     pub impulse: [f64; 3],
 }
 

@@ -80,7 +80,7 @@ fn structs_and_numbers_that_kernels_share_are_the_same_on_both_sides() {
         Facing { nodes, weights, inverse_kg, normal }
         Sides { all, cells, classes }
         Stuck { nodes, weights, inverse_kg, limit, at, along, tool }
-        Pull { by, u, v, arm, along, goes, gives, limit2, impulse }
+        Pull { by, u, v, arm, along, goes, gives, impulse }
         EdgePoint { along, velocity, stiffness, most, impulse, next, moving, answer, sticks, next_sticks }
         EdgeCarrier { slot, start, count }
         EdgeLoad { weight, point }

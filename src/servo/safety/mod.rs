@@ -1,9 +1,9 @@
 //! Everything between a computed force and the motors.
 //!
 //! One chain, always in this order: finite, age, speed, engage and ramp, average, clamp, slew, dead-man switch. Whatever fails before the slew
-//! limit is withdrawn at the slew limit, which by [`DeviceDesc::check`] takes 30 ms at most; the dead-man switch alone steps to zero.
+//! limit is withdrawn at the slew limit, which by [`DeviceDesc::check`] takes 30 ms at most; the dead-man switch alone steps to zero, and a loop that begins anew after a gap in its times begins there.
 //! What the chain does not believe (a motion, a time, a simulation that failed) makes the tool engage anew: it gives no force until the force that is
-//! asked for has been small for a while, that is, until the tool has left the tissue.
+//! asked for has been small for a while, as it is where the tool has left the tissue (and in tissue that has come to rest around it).
 //!
 //! Time comes in; no clock is read. Nothing allocates, waits or panics.
 

@@ -1,11 +1,13 @@
 // The host's side: opening, starting, stopping, closing. Nothing here runs on a servo thread but short callbacks.
 #include "palpate_hdapi.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <cstring>
+#include <iterator>
 #include <mutex>
 #include <thread>
 
@@ -287,6 +289,9 @@ plp_status plp_hd_open(const plp_hd_desc *desc, plp_hd **out) {
     port->info = {};
     if (device == HD_INVALID_HANDLE || fault_of(error) != 0) {
         const char *name = how.device_name ? how.device_name : "the default device";
+        // Given back, unless it is another port's.
+        const auto has_it = [device](const plp_hd &p) { return p.is_open.load() && p.device == device; };
+        if (device != HD_INVALID_HANDLE && std::none_of(std::begin(ports), std::end(ports), has_it)) hdDisableDevice(device);
         return fail(PLP_ERR_DEVICE, "%s cannot be opened: %s (0x%04x)", name, hdGetErrorString(error), error);
     }
     in_servo([port] {
@@ -374,6 +379,11 @@ plp_status plp_hd_start(plp_hd *port) {
     });
     // An uncalibrated device starts, without force, so that its user can calibrate it.
     if (const std::uint32_t error = take_errors(*port); fault_of(error) & PLP_HD_FAULT_DEVICE && calibration == HD_CALIBRATION_OK) {
+        in_servo([port] {
+            hdMakeCurrentDevice(port->device);
+            hdDisable(HD_FORCE_OUTPUT);
+            return true;
+        });
         return fail(PLP_ERR_DEVICE, "the force cannot be enabled: %s (0x%04x)", hdGetErrorString(error), error);
     }
 

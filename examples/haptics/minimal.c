@@ -20,7 +20,7 @@ static double now_s(void) {
 }
 
 static HDCallbackCode HDCALLBACK servo(void *user) {
-    double at_mm[3], v_mm_s[3];
+    double at_mm[3] = {0}, v_mm_s[3] = {0};
     plp_servo felt;
     hdBeginFrame(hdGetCurrentDevice());
     hdGetDoublev(HD_CURRENT_POSITION, at_mm);

@@ -139,16 +139,13 @@ impl ContactModel {
             (self.one_sided(&self.line(motion)), other.one_sided(&other.line(motion)));
         // Beyond the tissue nothing resists.
         let there = |of: &Mat6, has_left: bool| if has_left { Mat6::zeros() } else { *of };
-        let push = self.push.zip_map(&other.push, mix);
+        let force_n = a.force_n.zip_map(&b.force_n, mix);
         Self {
-            wrench: Wrench {
-                force_n: a.force_n.zip_map(&b.force_n, mix),
-                torque_n_m: a.torque_n_m.zip_map(&b.torque_n_m, mix),
-            },
+            wrench: Wrench { force_n, torque_n_m: a.torque_n_m.zip_map(&b.torque_n_m, mix) },
             motion: *motion,
             stiffness: there(&self.stiffness, a_left).zip_map(&there(&other.stiffness, b_left), mix),
             damping: there(&self.damping, a_left).zip_map(&there(&other.damping, b_left), mix),
-            push: push.try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
+            push: push_between([(a.force_n, self.push), (b.force_n, other.push)], share, &force_n),
             ..*other
         }
     }
@@ -197,6 +194,20 @@ impl ContactModel {
     }
 }
 
+/// The direction in which tissue pushes between two laws, each a force and its direction, where the force is `force_n`: the mean of both; and where that would have the tissue pull, because they push against each
+/// other, that of the mean of what they push with.
+#[inline]
+fn push_between(laws: [(Vec3, Vec3); 2], share: f64, force_n: &Vec3) -> Vec3 {
+    let [(force_a, a), (force_b, b)] = laws;
+    let mean = |a: Vec3, b: Vec3| (a + (b - a) * share).try_normalize(f64::MIN_POSITIVE).unwrap_or_default();
+    let push = mean(a, b);
+    if force_n.dot(&push) >= 0.0 {
+        return push;
+    }
+    let pushed = |force: Vec3, along: Vec3| along * force.dot(&along).max(0.0);
+    mean(pushed(force_a, a), pushed(force_b, b))
+}
+
 /// The force of a wrench: the upper half of a product.
 #[inline]
 fn upper(matrix: &Mat6, motion: &Vec6) -> Vec3 {
@@ -224,12 +235,13 @@ impl StraightLaw {
     #[inline]
     pub fn between(&self, other: &Self, share: f64) -> Self {
         let mix = |a: f64, b: f64| a + (b - a) * share;
+        let force_n = self.force_n.zip_map(&other.force_n, mix);
         Self {
-            force_n: self.force_n.zip_map(&other.force_n, mix),
+            force_n,
             linear_m_s: other.linear_m_s,
             stiffness: self.stiffness.zip_map(&other.stiffness, mix),
             damping: self.damping.zip_map(&other.damping, mix),
-            push: self.push.zip_map(&other.push, mix).try_normalize(f64::MIN_POSITIVE).unwrap_or_default(),
+            push: push_between([(self.force_n, self.push), (other.force_n, other.push)], share, &force_n),
         }
     }
 
@@ -378,6 +390,20 @@ mod tests {
             assert!((mean.evaluate(&at).force_n - expected).norm() < 1e-12);
             let stiffness = stiffness_along(&mean.stiffness, Vec3::z());
             assert!((stiffness - 500.0 * (1.0 + 2.0 * share)).abs() < 1e-9, "{stiffness}");
+        }
+    }
+
+    #[test]
+    fn between_laws_that_push_against_each_other_tissue_still_pushes() {
+        let (a, mut b) = (pressed(), pressed());
+        (b.wrench.force_n, b.push) = (-3.0 * a.wrench.force_n, -a.push);
+        let at = a.motion;
+        for share in [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 1.0] {
+            let expected = a.wrench.force_n * (1.0 - share) + b.wrench.force_n * share;
+            let mean = a.between(&b, share, &at);
+            assert!((mean.evaluate(&at).force_n - expected).norm() < 1e-12, "{share}");
+            let straight = a.straight(&at).between(&b.straight(&at), share);
+            assert!(!straight.has_left(at.linear_m_s, 0.0), "{share}");
         }
     }
 

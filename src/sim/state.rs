@@ -173,7 +173,10 @@ impl State {
         if self.tools.len() == MAX_TOOLS {
             return Err(Error::Limit(format!("a simulation has at most {MAX_TOOLS} tools")));
         }
-        let (port, end) = tool_port::open(ToolId(self.fresh_id()), desc, device);
+        let (port, mut end) = tool_port::open(ToolId(self.fresh_id()), desc, device);
+        if self.diverged_at.is_some() {
+            end.release(self.statistics.time_s, self.statistics.steps, true);
+        }
         self.tools.push(end);
         Ok(port)
     }

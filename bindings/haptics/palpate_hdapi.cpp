@@ -256,7 +256,7 @@ plp_status plp_hd_desc_init(plp_hd_desc *desc, uint32_t desc_size) {
     desc->struct_size = desc_size;
     desc->mapping.base.rotation[3] = 1.0;
     desc->mapping.scale = 1.0;
-    desc->max_speed_m_s = 1.0;
+    desc->max_speed_m_s = 2.0;
     return PLP_OK;
 }
 

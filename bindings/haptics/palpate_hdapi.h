@@ -101,7 +101,7 @@ typedef struct {
     uint32_t flags;          /* PLP_HD_HOST_SERVO */
     const char *device_name; /* as HDAPI's configuration names it; NULL (default) takes the default device */
     plp_hd_mapping mapping;
-    double max_speed_m_s;    /* of the device; above it a move is a jump (default 1) */
+    double max_speed_m_s;    /* of the device; above it a move is a jump (default 2) */
     plp_hd_tick_fn on_tick;  /* NULL (default) for none */
     void *on_tick_user;
     plp_hd_clock_fn clock;   /* NULL (default) takes the steady clock; virtual time in tests */

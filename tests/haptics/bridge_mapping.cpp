@@ -145,7 +145,7 @@ void what_a_device_bears_is_told_in_the_units_of_the_world() {
             // A device metre is s metres of the world, and a newton of the world k of the device.
             NEAR(k * s * world.max_stiffness_n_m, 500.0, 1e-9);
             NEAR(k * s * world.max_damping_n_s_m, 5.0, 1e-9);
-            NEAR(world.max_speed_m_s, 1.0 * s, 1e-12);
+            NEAR(world.max_speed_m_s, 2.0 * s, 1e-12);
             NEAR(world.workspace_m[0], 0.210 * s, 1e-12);
             CHECK(world.servo_rate_hz == 1000.0 && world.max_torque_n_m == 0.0 && world.window_s == 3.0);
             CHECK((world.flags & PLP_HAPTIC_BALL) == 0 && (world.flags & PLP_HAPTIC_PASSIVE) != 0);

@@ -1,6 +1,7 @@
 //! The 3 × 3 blocks on A's diagonal, which precondition it.
 
 use super::super::lanes::Lanes;
+use crate::math::Mat3;
 
 /// Numbers of a block on A's diagonal: xx, xy, xz, yy, yz, zz.
 pub const BLOCK: usize = 6;
@@ -29,4 +30,9 @@ pub fn inverted<L: Lanes>(m: [L; BLOCK]) -> [L; BLOCK] {
     let least = if size_of::<L::Real>() == 4 { f64::from(f32::MIN_POSITIVE) } else { f64::MIN_POSITIVE };
     let scale = L::splat(1.0).div(determinant.max(L::splat(least)));
     [cxx, cxy, cxz, minor(xx, zz, xz, xz), minor(xy, xz, xx, yz), minor(xx, yy, xy, xy)].map(|c| c.mul(scale))
+}
+
+/// A symmetric block as a matrix.
+pub fn matrix(b: &Block) -> Mat3 {
+    Mat3::new(b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5])
 }

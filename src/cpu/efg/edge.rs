@@ -7,7 +7,7 @@
 
 use super::super::lanes::{Octet, Real};
 use super::super::mobile::free;
-use super::press::matrix;
+use super::block::matrix;
 use super::system::{Parts, System};
 use crate::math::{Mat3, Vec3};
 use crate::solver::ToolStep;
@@ -101,14 +101,7 @@ impl Edges {
         for point in self.points.iter().filter(|point| point.answer == Answer::Sticks) {
             let law = point.across() * point.stiffness;
             for (slot, weight) in point.carriers() {
-                let stiffer =
-                    matrix(&system.inverse(slot)).try_inverse().map(|block| block + law * (weight * weight));
-                if let Some(m) = stiffer.and_then(Mat3::try_inverse) {
-                    system.set_inverse(
-                        slot,
-                        [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]],
-                    );
-                }
+                system.stiffen(slot, &(law * (weight * weight)));
             }
         }
     }
@@ -159,13 +152,14 @@ impl Edges {
                 }
             };
             largest = largest.max(point.impulse.norm());
-            let (change, settled) = match (point.answer, point.next) {
-                (Answer::Sticks, Answer::Sticks) => (0.0, SETTLED),
-                (Answer::Sticks, Answer::Gives(next)) => ((next - point.impulse).norm(), EXCESS),
-                (Answer::Gives(_), Answer::Sticks) => (point.most, SETTLED),
-                (Answer::Gives(_), Answer::Gives(next)) => ((next - point.impulse).norm(), SETTLED),
+            let takes_too_much = point.answer == Answer::Sticks && point.next != Answer::Sticks;
+            let change = match (point.answer, point.next) {
+                (Answer::Sticks, Answer::Sticks) => 0.0,
+                (Answer::Gives(_), Answer::Sticks) => point.most,
+                (_, Answer::Gives(next)) => (next - point.impulse).norm(),
             };
-            if change > settled * point.most && (solution < MOST_SOLUTIONS || settled == EXCESS) {
+            let settled = if takes_too_much { EXCESS } else { SETTLED };
+            if change > settled * point.most && (takes_too_much || solution < MOST_SOLUTIONS) {
                 wrong = wrong.max(change);
             }
             // What has slipped goes on to, so that this comes to an end.

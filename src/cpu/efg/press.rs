@@ -8,7 +8,7 @@
 use super::super::contact::ContactSurface;
 use super::super::contact::found::Found;
 use super::super::lanes::Real;
-use super::block::Block;
+use super::block::matrix;
 use super::edge::Edges;
 use super::system::{Parts, System};
 use crate::math::{Mat3, Vec3};
@@ -65,11 +65,6 @@ pub struct Press {
     nodes: Vec<u32>,
     blocks: Vec<Mat3>,
     shares: Vec<f64>,
-}
-
-/// A symmetric block as a matrix.
-pub fn matrix(b: &Block) -> Mat3 {
-    Mat3::new(b[0], b[1], b[2], b[1], b[3], b[4], b[2], b[4], b[5])
 }
 
 impl Press {
@@ -150,10 +145,7 @@ impl Press {
             }
         }
         for (&slot, more) in self.nodes.iter().zip(&self.blocks) {
-            let stiffer = matrix(&system.inverse(slot)).try_inverse().map(|block| block + more);
-            if let Some(m) = stiffer.and_then(Mat3::try_inverse) {
-                system.set_inverse(slot, [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]);
-            }
+            system.stiffen(slot, more);
         }
     }
 

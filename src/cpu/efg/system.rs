@@ -15,13 +15,13 @@ use std::ops::Range;
 
 use super::super::lanes::{Lanes, Octet, Real};
 use super::super::nodes::{BRICK_OCTETS, BRICK_ROWS, Bricks, Field, Run};
-use super::block::{BLOCK, Block, applied, inverted};
+use super::block::{BLOCK, Block, applied, inverted, matrix};
 use super::cell_rows::Like;
 use super::gather::{Source, gather};
 use super::laws::{Changes, Diagonal, Forces, Moduli, Onward, Plain};
 use super::rows::{Table, Turned, TurnedParts};
 use super::turn::{Deformed, QUATERNION, at_rest, turn};
-use crate::math::Vec3;
+use crate::math::{Mat3, Vec3};
 use crate::model::efg::law::{Elasticity, Rotation};
 use crate::model::efg::rows::{BATCH, RowTable};
 use crate::model::lattice::{BRICK_SLOTS, flag};
@@ -181,10 +181,18 @@ impl<R: Real> System<R> {
     }
 
     /// Replaces it.
-    pub fn set_inverse(&mut self, slot: u32, block: Block) {
+    fn set_inverse(&mut self, slot: u32, block: Block) {
         let (octet, lane) = block_place(slot);
         for (n, number) in block.into_iter().enumerate() {
             self.inverse[octet + n * BRICK_ROWS].0[lane] = R::splat(number);
+        }
+    }
+
+    /// Adds to the block on A's diagonal of a slot's node, where that has one.
+    pub fn stiffen(&mut self, slot: u32, more: &Mat3) {
+        let stiffer = matrix(&self.inverse(slot)).try_inverse().map(|block| block + more);
+        if let Some(m) = stiffer.and_then(Mat3::try_inverse) {
+            self.set_inverse(slot, [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 1)], m[(1, 2)], m[(2, 2)]]);
         }
     }
 
